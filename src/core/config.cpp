@@ -1,0 +1,361 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/config.h"
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <set>
+#include <sstream>
+#include <string_view>
+#include <variant>
+
+#include <toml++/toml.h>
+
+#include "core/default_classes.h"
+
+namespace stillmap {
+
+namespace {
+
+using Mount = std::optional<std::array<double, 7>>;
+using Target = std::variant<int*, std::int64_t*, double*, std::string*, std::vector<std::string>*, Mount*, DynamicRule*>;
+
+/// One setting: where it is stored and what may stand there.
+struct Key {
+  const char* name;
+  Target target;
+  const char* unit;
+  const char* help;
+  double min = 0, max = 0;
+  bool required = false;
+  bool is_path = false;
+  std::string origin = "default";
+};
+
+constexpr std::array<std::pair<const char*, DynamicRule>, 3> kRules{
+    {{"off", DynamicRule::Off}, {"paper", DynamicRule::Paper}, {"silhouette", DynamicRule::Silhouette}}};
+
+/// Every key of the configuration. The one place that a new setting is added to, beside its field.
+std::vector<Key> describe(Config& c) {
+  return {
+      {"runtime.seed", &c.runtime.seed, "", "decides every random sample", 0, 9e15},
+      {"runtime.frame_pool", &c.runtime.frame_pool, "frames", "frames in flight between the stages", 8, 64},
+      {"memory.budget_mb", &c.memory.budget_mb, "MB", "a plan above this is refused", 16, 65536},
+      {"camera.name", &c.mount.name, "", "for people"},
+      {"camera.width", &c.camera.width, "px", "picture width", 160, 1280, true},
+      {"camera.height", &c.camera.height, "px", "picture height", 120, 960, true},
+      {"camera.fx", &c.camera.fx, "px", "focal length", 50, 5000, true},
+      {"camera.fy", &c.camera.fy, "px", "focal length", 50, 5000, true},
+      {"camera.cx", &c.camera.cx, "px", "principal point", 0, 1280, true},
+      {"camera.cy", &c.camera.cy, "px", "principal point", 0, 960, true},
+      {"camera.k1", &c.camera.k1, "", "radial distortion (plumb_bob)", -10, 10},
+      {"camera.k2", &c.camera.k2, "", "radial distortion", -10, 10},
+      {"camera.p1", &c.camera.p1, "", "tangential distortion", -1, 1},
+      {"camera.p2", &c.camera.p2, "", "tangential distortion", -1, 1},
+      {"camera.k3", &c.camera.k3, "", "radial distortion", -10, 10},
+      {"camera.depth_units_per_m", &c.camera.depth_units_per_m, "1/m", "raw depth of one metre", 1, 100000, true},
+      {"camera.depth_min_m", &c.camera.depth_min_m, "m", "nearer readings are not trusted", 0, 10},
+      {"camera.depth_max_m", &c.camera.depth_max_m, "m", "farther readings are not trusted", 0.1, 60},
+      {"camera.depth_noise_m_at_1m", &c.camera.depth_noise_m_at_1m, "m", "depth noise (1 sigma) at 1 m; grows with depth^2",
+       1e-5, 1},
+      {"camera.fps", &c.mount.fps, "Hz", "frame rate", 1, 240},
+      {"camera.T_base_camera", &c.mount.T_base_camera, "m", "camera in the robot's base: x, y, z, qx, qy, qz, qw", -100, 100},
+      {"detector.model", &c.detector.model, "", "ONNX file, \"auto\" (the installed network, else none) or \"none\"", 0, 0, false,
+       true},
+      {"detector.sha256", &c.detector.sha256, "", "checksum of the model file; empty: not checked"},
+      {"detector.input_width", &c.detector.input_width, "px", "network input, a multiple of 32", 64, 1280},
+      {"detector.input_height", &c.detector.input_height, "px", "network input, a multiple of 32", 64, 1280},
+      {"detector.score_threshold", &c.detector.score_threshold, "", "weaker detections are dropped", 0.01, 1},
+      {"detector.nms_iou", &c.detector.nms_iou, "", "overlap above which the weaker box of a class goes", 0.05, 1},
+      {"detector.max_age_ms", &c.detector.max_age_ms, "ms", "older boxes are not used", 1, 60000},
+      {"classes.names", &c.classes.names, "", "the model's classes in the order of its outputs"},
+      {"classes.dynamic", &c.classes.dynamic, "", "classes that move by themselves"},
+      {"classes.semi_static", &c.classes.semi_static, "", "classes that are moved now and then"},
+      {"classes.static", &c.classes.pure_static, "", "classes that stay"},
+      {"track.dynamic_rule", &c.track.dynamic_rule, "", "\"silhouette\", \"paper\" or \"off\""},
+      {"track.features", &c.track.features, "", "corners per frame", 100, 2000},
+      {"track.levels", &c.track.levels, "", "pyramid levels", 1, 8},
+      {"track.scale_factor", &c.track.scale_factor, "", "size ratio of two pyramid levels", 1.05, 2},
+      {"track.fast_threshold", &c.track.fast_threshold, "grey levels", "corner contrast", 3, 100},
+      {"track.fast_threshold_min", &c.track.fast_threshold_min, "grey levels", "corner contrast where a cell has none", 2, 100},
+      {"track.keyframes", &c.track.keyframes, "", "keyframes kept", 8, 1000},
+      {"track.points", &c.track.points, "", "map points kept", 1000, 200000},
+      {"track.min_inliers", &c.track.min_inliers, "", "fewer: lost", 6, 500},
+      {"track.weak_inliers", &c.track.weak_inliers, "", "fewer: weak", 6, 1000},
+      {"track.epipolar_threshold_px", &c.track.epipolar_threshold_px, "px",
+       "a semi-static feature farther from its epipolar line moves (seed paper, eq. 3)", 0.1, 20},
+      {"map.voxel_m", &c.map.voxel_m, "m", "edge of a voxel", 0.005, 0.5},
+      {"map.capacity_voxels", &c.map.capacity_voxels, "", "voxels in memory", 10000, 100'000'000},
+      {"map.fuse_every", &c.map.fuse_every, "frames", "every n-th tracked frame is fused", 1, 100},
+      {"map.max_range_m", &c.map.max_range_m, "m", "farther depth is not fused", 0.5, 20},
+      {"map.save_timeout_s", &c.map.save_timeout_s, "s", "bound on writing the map at shutdown", 0.1, 600},
+      {"stream.listen", &c.stream.listen, "", "ADDR:PORT, or \"off\""},
+      {"stream.max_clients", &c.stream.max_clients, "", "clients at once", 1, 64},
+  };
+}
+
+std::string number_text(double v) {
+  std::ostringstream out;
+  out.precision(12);
+  out << v;
+  return out.str();
+}
+
+std::string quoted(const std::string& s) { return "\"" + s + "\""; }
+
+std::string value_text(const Target& target) {
+  struct Print {
+    std::string operator()(const int* v) const { return std::to_string(*v); }
+    std::string operator()(const std::int64_t* v) const { return std::to_string(*v); }
+    std::string operator()(const double* v) const { return number_text(*v); }
+    std::string operator()(const std::string* v) const { return quoted(*v); }
+    std::string operator()(const std::vector<std::string>* v) const {
+      std::string text = "[";
+      for (const std::string& s : *v) text += (text.size() > 1 ? ", " : "") + quoted(s);
+      return text + "]";
+    }
+    std::string operator()(const Mount* v) const {
+      if (!v->has_value()) return "(unknown)";
+      std::string text = "[";
+      for (double d : **v) text += (text.size() > 1 ? ", " : "") + number_text(d);
+      return text + "]";
+    }
+    std::string operator()(const DynamicRule* v) const {
+      for (const auto& [name, rule] : kRules) {
+        if (rule == *v) return quoted(name);
+      }
+      return "?";
+    }
+  };
+  return std::visit(Print{}, target);
+}
+
+std::string expectation(const Key& key) {
+  const std::string unit = *key.unit != '\0' ? std::string(" ") + key.unit : "";
+  const std::string range = " from " + number_text(key.min) + " to " + number_text(key.max) + unit;
+  struct Say {
+    const std::string& range;
+    std::string operator()(const int*) const { return "a whole number" + range; }
+    std::string operator()(const std::int64_t*) const { return "a whole number" + range; }
+    std::string operator()(const double*) const { return "a number" + range; }
+    std::string operator()(const std::string*) const { return "a text"; }
+    std::string operator()(const std::vector<std::string>*) const { return "a list of texts"; }
+    std::string operator()(const Mount*) const { return "[x, y, z, qx, qy, qz, qw] in m and a unit quaternion"; }
+    std::string operator()(const DynamicRule*) const { return "\"silhouette\", \"paper\" or \"off\""; }
+  };
+  return std::visit(Say{range}, key.target);
+}
+
+/// Stores a TOML value; false when its type or range does not fit.
+bool assign(Key& key, const toml::node& node) {
+  struct Store {
+    const Key& key;
+    const toml::node& node;
+    bool in_range(double v) const { return v >= key.min && v <= key.max; }
+    bool operator()(int* to) const {
+      const auto v = node.as_integer();
+      if (v == nullptr || !in_range(static_cast<double>(v->get()))) return false;
+      *to = static_cast<int>(v->get());
+      return true;
+    }
+    bool operator()(std::int64_t* to) const {
+      const auto v = node.as_integer();
+      if (v == nullptr || !in_range(static_cast<double>(v->get()))) return false;
+      *to = v->get();
+      return true;
+    }
+    bool operator()(double* to) const {
+      if (!node.is_number()) return false;
+      const double v = *node.value<double>();
+      if (!in_range(v)) return false;
+      *to = v;
+      return true;
+    }
+    bool operator()(std::string* to) const {
+      if (!node.is_string()) return false;
+      *to = *node.value<std::string>();
+      return true;
+    }
+    bool operator()(std::vector<std::string>* to) const {
+      const toml::array* array = node.as_array();
+      if (array == nullptr) return false;
+      std::vector<std::string> items;
+      for (const toml::node& item : *array) {
+        if (!item.is_string()) return false;
+        items.push_back(*item.value<std::string>());
+      }
+      *to = std::move(items);
+      return true;
+    }
+    bool operator()(Mount* to) const {
+      const toml::array* array = node.as_array();
+      if (array == nullptr || array->size() != 7) return false;
+      std::array<double, 7> v{};
+      for (std::size_t i = 0; i < 7; ++i) {
+        if (!(*array)[i].is_number()) return false;
+        v[i] = *(*array)[i].value<double>();
+        if (!in_range(v[i])) return false;
+      }
+      const double n = v[3] * v[3] + v[4] * v[4] + v[5] * v[5] + v[6] * v[6];
+      if (std::abs(n - 1) > 1e-3) return false;
+      *to = v;
+      return true;
+    }
+    bool operator()(DynamicRule* to) const {
+      if (!node.is_string()) return false;
+      for (const auto& [name, rule] : kRules) {
+        if (*node.value<std::string>() == name) {
+          *to = rule;
+          return true;
+        }
+      }
+      return false;
+    }
+  };
+  return std::visit(Store{key, node}, key.target);
+}
+
+Error wrong(std::string message) { return {ExitCode::WrongConfig, std::move(message)}; }
+
+std::string node_text(const toml::node& node) {
+  std::ostringstream out;
+  node.visit([&](const auto& n) { out << n; });
+  return out.str();
+}
+
+/// The known key that differs from `name` in the fewest letters, for "did you mean".
+std::string nearest_key(const std::vector<Key>& keys, std::string_view name) {
+  std::string best;
+  std::size_t best_distance = 4;
+  for (const Key& key : keys) {
+    const std::string_view k = key.name;
+    std::vector<std::size_t> row(name.size() + 1);
+    for (std::size_t j = 0; j <= name.size(); ++j) row[j] = j;
+    for (std::size_t i = 1; i <= k.size(); ++i) {
+      std::size_t diagonal = row[0];
+      row[0] = i;
+      for (std::size_t j = 1; j <= name.size(); ++j) {
+        const std::size_t above = row[j];
+        row[j] = std::min({above + 1, row[j - 1] + 1, diagonal + (k[i - 1] == name[j - 1] ? 0 : 1)});
+        diagonal = above;
+      }
+    }
+    if (row[name.size()] < best_distance) {
+      best_distance = row[name.size()];
+      best = k;
+    }
+  }
+  return best;
+}
+
+Status apply_table(std::vector<Key>& keys, const toml::table& table, const std::string& prefix,
+                   const std::string& origin, const std::filesystem::path& folder) {
+  for (const auto& [name, node] : table) {
+    const std::string dotted = prefix.empty() ? std::string(name.str()) : prefix + "." + std::string(name.str());
+    const auto key = std::find_if(keys.begin(), keys.end(), [&](const Key& k) { return dotted == k.name; });
+    if (key == keys.end()) {
+      if (const toml::table* inner = node.as_table()) {
+        if (Status s = apply_table(keys, *inner, dotted, origin, folder); !s.ok()) return s;
+        continue;
+      }
+      const std::string meant = nearest_key(keys, dotted);
+      return wrong(origin + ": unknown key '" + dotted + "'" +
+                   (meant.empty() ? "; `stillmap check --dump` lists every key" : "; did you mean '" + meant + "'?"));
+    }
+    if (!assign(*key, node)) {
+      return wrong(origin + ": key '" + dotted + "' = " + node_text(node) + " does not fit; expected " + expectation(*key));
+    }
+    if (key->is_path) {
+      std::string& path = *std::get<std::string*>(key->target);
+      if (path.find('/') != std::string::npos && path[0] != '/' && !folder.empty()) path = (folder / path).lexically_normal();
+    }
+    key->origin = origin;
+  }
+  return {};
+}
+
+Status apply_override(std::vector<Key>& keys, const std::string& text) {
+  const std::size_t equals = text.find('=');
+  if (equals == std::string::npos || equals == 0) {
+    return wrong("--set " + text + ": expected KEY=VALUE, e.g. --set detector.model=none");
+  }
+  const std::string name = text.substr(0, equals), value = text.substr(equals + 1);
+  // A value that is no TOML (a bare word, a path) is taken as text, so that the shell needs no second quotes.
+  toml::table table;
+  try {
+    table = toml::parse(name + " = " + value);
+  } catch (const toml::parse_error&) {
+    try {
+      table = toml::parse(name + " = ''");
+    } catch (const toml::parse_error&) {
+      return wrong("--set " + text + ": '" + name + "' is not a key; `stillmap check --dump` lists every key");
+    }
+    std::vector<std::string_view> parts;
+    toml::node* node = &table;
+    while (toml::table* inner = node->as_table()) node = &inner->begin()->second;
+    *node->as_string() = value;
+  }
+  return apply_table(keys, table, "", "--set", {});
+}
+
+Status check_whole(const Config& c) {
+  if (c.camera.depth_min_m >= c.camera.depth_max_m) {
+    return wrong("camera.depth_min_m = " + number_text(c.camera.depth_min_m) + " m must be less than camera.depth_max_m = " +
+                 number_text(c.camera.depth_max_m) + " m");
+  }
+  if (c.camera.cx >= c.camera.width || c.camera.cy >= c.camera.height) {
+    return wrong("camera.cx, camera.cy = " + number_text(c.camera.cx) + ", " + number_text(c.camera.cy) +
+                 " px lie outside the " + std::to_string(c.camera.width) + " x " + std::to_string(c.camera.height) +
+                 " px picture; take the intrinsics of this very resolution");
+  }
+  if (c.detector.input_width % 32 != 0 || c.detector.input_height % 32 != 0) {
+    return wrong("detector.input_width, detector.input_height = " + std::to_string(c.detector.input_width) + ", " +
+                 std::to_string(c.detector.input_height) + " px must be multiples of 32");
+  }
+  const bool hex = c.detector.sha256.find_first_not_of("0123456789abcdef") == std::string::npos;
+  if (!c.detector.sha256.empty() && (!hex || c.detector.sha256.size() != 64)) {
+    return wrong("detector.sha256 = \"" + c.detector.sha256 + "\" is not 64 lower-case hexadecimal digits (sha256sum FILE)");
+  }
+  if (c.track.weak_inliers < c.track.min_inliers) {
+    return wrong("track.weak_inliers = " + std::to_string(c.track.weak_inliers) + " must not be less than track.min_inliers = " +
+                 std::to_string(c.track.min_inliers));
+  }
+  std::set<std::string> seen;
+  for (const auto* list : {&c.classes.dynamic, &c.classes.semi_static, &c.classes.pure_static}) {
+    for (const std::string& name : *list) {
+      if (!seen.insert(name).second) return wrong("classes: '" + name + "' is listed twice; a class has one kind");
+    }
+  }
+  return {};
+}
+
+}  // namespace
+
+Result<LoadedConfig> load_config(std::span<const std::string> files, std::span<const std::string> overrides) {
+  LoadedConfig loaded;
+  std::vector<Key> keys = describe(loaded.config);
+  if (Status s = apply_table(keys, toml::parse(kDefaultClasses), "", "built in", {}); !s.ok()) return s.error();
+  for (const std::string& file : files) {
+    if (!std::filesystem::is_regular_file(file)) return wrong(file + ": no such configuration file");
+    try {
+      const toml::table table = toml::parse_file(file);
+      if (Status s = apply_table(keys, table, "", file, std::filesystem::path(file).parent_path()); !s.ok()) return s.error();
+    } catch (const toml::parse_error& e) {
+      return wrong(file + ":" + std::to_string(e.source().begin.line) + ": not valid TOML: " + std::string(e.description()));
+    }
+  }
+  for (const std::string& text : overrides) {
+    if (Status s = apply_override(keys, text); !s.ok()) return s.error();
+  }
+  for (const Key& key : keys) {
+    if (key.required && key.origin == "default") {
+      return wrong(std::string("key '") + key.name + "' is missing; expected " + expectation(key) + " (" + key.help +
+                   "); add --config with a file of firmware-config/cameras, or --set it");
+    }
+  }
+  if (Status s = check_whole(loaded.config); !s.ok()) return s.error();
+  for (const Key& key : keys) loaded.entries.push_back({key.name, value_text(key.target), key.unit, key.origin, key.help});
+  return loaded;
+}
+
+}  // namespace stillmap

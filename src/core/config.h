@@ -1,0 +1,87 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "core/camera.h"
+#include "core/dynamic_mask.h"
+#include "core/status.h"
+
+namespace stillmap {
+
+/// Every setting of the runtime, in one struct with defaults. The names, units, ranges and help of the keys
+/// stand in one place, `describe()` in config.cpp. Written once at start, read-only after it.
+struct Config {
+  struct Runtime {
+    std::int64_t seed = 1;
+    int frame_pool = 14;
+  } runtime;
+  struct Memory {
+    double budget_mb = 160;
+  } memory;
+  CameraModel camera;
+  struct CameraMount {
+    std::string name = "unnamed";
+    double fps = 30;
+    /// x, y, z in m and the quaternion x, y, z, w of the camera in the robot's base (x forward, z up).
+    std::optional<std::array<double, 7>> T_base_camera;
+  } mount;
+  struct Detector {
+    std::string model = "auto";
+    std::string sha256;
+    int input_width = 320, input_height = 256;
+    double score_threshold = 0.35;
+    double nms_iou = 0.6;
+    int max_age_ms = 700;
+  } detector;
+  struct Classes {
+    std::vector<std::string> names;
+    std::vector<std::string> dynamic, semi_static, pure_static;
+  } classes;
+  struct Track {
+    DynamicRule dynamic_rule = DynamicRule::Silhouette;
+    int features = 1000;
+    int levels = 8;
+    double scale_factor = 1.2;
+    int fast_threshold = 20, fast_threshold_min = 7;
+    int keyframes = 64;
+    int points = 20000;
+    int min_inliers = 20;
+    int weak_inliers = 50;
+    double epipolar_threshold_px = 1.5;
+  } track;
+  struct Map {
+    double voxel_m = 0.04;
+    int capacity_voxels = 2'000'000;
+    int fuse_every = 2;
+    double max_range_m = 4.5;
+    double save_timeout_s = 30;
+  } map;
+  struct Stream {
+    std::string listen = "127.0.0.1:8765";
+    int max_clients = 8;
+  } stream;
+};
+
+/// One key with its current value and where the value came from, for `check --dump`.
+struct ConfigEntry {
+  std::string key, value, unit, origin, help;
+};
+
+/// The settings plus, for each key, their origin.
+struct LoadedConfig {
+  Config config;
+  std::vector<ConfigEntry> entries;
+};
+
+/// Reads the TOML files in order (later ones override earlier ones), then applies `overrides` of the form
+/// KEY=VALUE, then checks. A relative path inside a file is relative to that file. The error names file, key,
+/// value, what was expected and the unit.
+Result<LoadedConfig> load_config(std::span<const std::string> files, std::span<const std::string> overrides);
+
+}  // namespace stillmap

@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+
+#include "core/spsc_ring.h"
+#include "core/time.h"
+
+namespace stillmap {
+
+enum class Stage : std::uint8_t { Capture, Detect, Track, Map, Stream, Health };
+constexpr int kStageCount = 6;
+const char* to_string(Stage stage);
+
+/// What happened. Add codes at the end: they are written into logs.
+enum class EventCode : std::uint8_t {
+  FrameDropped,     ///< a = DropReason
+  TrackingStarted,  ///< the first pose
+  TrackingWeak,
+  TrackingLost,
+  Relocalized,
+  KeyframeInserted,  ///< a = keyframe id
+  Corrected,         ///< a = new correction epoch
+  DetectorFailed,
+  PoolFull,  ///< a = how many were refused
+  SourceEnded,
+  SourceLost,
+  ClientConnected,
+  ClientGone,
+};
+const char* to_string(EventCode code);
+
+/// Why a frame never reached the tracker.
+enum class DropReason : std::uint8_t {
+  MissingFile,   ///< the list names a file that is not there
+  CorruptColour,
+  CorruptDepth,
+  WrongSize,     ///< another size than the camera profile's
+  NoDepthMatch,  ///< no depth picture within the association window
+  NoFreeSlot,    ///< every pool frame was held
+  TrackerBehind, ///< the tracker skipped to a newer frame
+  TimeJump,      ///< the stamp went backwards
+};
+constexpr int kDropReasonCount = 8;
+const char* to_string(DropReason reason);
+
+/// A thing that happened on a hot stage, as plain numbers; the health thread makes the words.
+struct Event {
+  Nanoseconds stamp_ns = 0;  ///< monotonic
+  Stage stage = Stage::Health;
+  EventCode code = EventCode::FrameDropped;
+  std::uint64_t sequence = 0;
+  std::int64_t a = 0, b = 0;
+};
+
+/// One stage's events on their way to the health thread: the stage produces, health consumes, a full ring counts.
+using EventRing = SpscRing<Event, 256>;
+
+}  // namespace stillmap

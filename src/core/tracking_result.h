@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+#include "core/geometry.h"
+#include "core/time.h"
+
+namespace stillmap {
+
+/// Initializing: no map yet. Tracking: enough inliers. Weak: above the floor, but not by much. Lost: below the
+/// floor; the pose is only predicted and is never published as one.
+enum class TrackState : std::uint8_t { Initializing, Tracking, Weak, Lost };
+const char* to_string(TrackState state);
+
+struct LabelCounts {
+  std::uint32_t static_points = 0, dynamic = 0, semi_static = 0, unknown = 0;
+};
+
+/// The tracker's word on one frame, with its own quality. Frames: map -> odom -> camera. odom is smooth and never
+/// jumps; a correction moves T_map_odom and raises the epoch.
+struct TrackingResult {
+  std::uint64_t sequence = 0;
+  Nanoseconds stamp_ns = 0;  ///< the frame's colour stamp
+  TrackState state = TrackState::Initializing;
+  Pose T_odom_camera;
+  Pose T_map_odom;
+  std::uint32_t correction_epoch = 0;
+  std::uint32_t reference_keyframe = 0;  ///< id of the keyframe that shares most points with this frame
+  bool is_keyframe = false;
+  int features = 0, matches = 0, inliers = 0;
+  double rms_px = 0;  ///< root mean square reprojection error of the inliers, at full resolution
+  /// Covariance of (rotation in rad, translation in m), left-multiplied in the camera frame, row-major.
+  std::array<double, 36> covariance{};
+  LabelCounts labels;
+
+  Pose T_map_camera() const { return T_map_odom * T_odom_camera; }
+  bool has_pose() const { return state == TrackState::Tracking || state == TrackState::Weak; }
+};
+
+}  // namespace stillmap
