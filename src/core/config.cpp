@@ -73,7 +73,7 @@ std::vector<Key> describe(Config& c) {
       {"classes.semi_static", &c.classes.semi_static, "", "classes that are moved now and then"},
       {"classes.static", &c.classes.pure_static, "", "classes that stay"},
       {"track.dynamic_rule", &c.track.dynamic_rule, "", "\"silhouette\", \"paper\" or \"off\""},
-      {"track.features", &c.track.features, "", "corners per frame", 100, 2000},
+      {"track.features", &c.track.features, "", "corners per frame", 100, 1200},
       {"track.levels", &c.track.levels, "", "pyramid levels", 1, 8},
       {"track.scale_factor", &c.track.scale_factor, "", "size ratio of two pyramid levels", 1.05, 2},
       {"track.fast_threshold", &c.track.fast_threshold, "grey levels", "corner contrast", 3, 100},

@@ -35,7 +35,6 @@ class FixedVector {
   T* end() { return items_.data() + size_; }
   const T* begin() const { return items_.data(); }
   const T* end() const { return items_.data() + size_; }
-  operator std::span<const T>() const { return {items_.data(), size_}; }  // NOLINT(google-explicit-constructor)
 
  private:
   std::array<T, N> items_{};
@@ -83,7 +82,6 @@ class ArenaVector {
   T* end() { return memory_.data() + size_; }
   const T* begin() const { return memory_.data(); }
   const T* end() const { return memory_.data() + size_; }
-  operator std::span<const T>() const { return {memory_.data(), size_}; }  // NOLINT(google-explicit-constructor)
   PoolUsage usage(const char* name) const { return {name, memory_.size(), high_water_, refused_}; }
 
  private:

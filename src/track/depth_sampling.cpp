@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "track/depth_sampling.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+namespace stillmap {
+
+namespace {
+
+/// Depth of the nearer surface in the 3x3 pixels around (x, y); 0 where fewer than four of them have a reading.
+double nearer_depth(ImageView<const std::uint16_t> depth, const CameraModel& camera, int x, int y) {
+  if (x < 1 || y < 1 || x >= depth.width - 1 || y >= depth.height - 1) return 0;
+  std::array<double, 9> readings;
+  std::size_t count = 0;
+  for (int dy = -1; dy <= 1; ++dy) {
+    for (int dx = -1; dx <= 1; ++dx) {
+      const double z = camera.depth_m(depth.at(x + dx, y + dy));
+      if (z > 0) readings[count++] = z;
+    }
+  }
+  if (count < 4) return 0;
+  std::sort(readings.begin(), readings.begin() + static_cast<std::ptrdiff_t>(count));
+  constexpr double kSplitShare = 0.04;  // a larger jump is an edge between two surfaces
+  for (std::size_t i = 1; i < count; ++i) {
+    if (readings[i] - readings[i - 1] > kSplitShare * readings[i - 1]) {
+      return i >= 2 ? readings[i / 2] : 0;
+    }
+  }
+  return readings[count / 2];
+}
+
+}  // namespace
+
+void sample_depth(ImageView<const std::uint16_t> depth, const CameraModel& camera, const Pose& T_depth_colour,
+                  std::span<Feature> features) {
+  const Pose T_colour_depth = inverse(T_depth_colour);
+  for (Feature& f : features) {
+    f.depth_m = 0;
+    // Where the ray points at the depth stamp: exact for the rotation, which dominates; the translation of a few
+    // milliseconds moves a pixel by a small part of one.
+    const Vec3 turned = T_depth_colour.R * Vec3{f.ray_x, f.ray_y, 1};
+    if (turned.z <= 0) continue;
+    const Vec2 pixel = camera.project(turned);
+    const double z = nearer_depth(depth, camera, static_cast<int>(std::lround(pixel.x)), static_cast<int>(std::lround(pixel.y)));
+    if (z <= 0) continue;
+    const Vec3 p_depth = {turned.x / turned.z * z, turned.y / turned.z * z, z};
+    f.depth_m = static_cast<float>((T_colour_depth * p_depth).z);
+  }
+}
+
+}  // namespace stillmap

@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <span>
+
+#include "core/arena.h"
+#include "core/camera.h"
+#include "core/config.h"
+#include "core/feature.h"
+#include "core/image.h"
+#include "track/descriptor_pattern.h"
+#include "track/fast_corners.h"
+#include "track/pyramid.h"
+
+namespace stillmap {
+
+/// The features of one frame: `features[i]` is described by `descriptors[i]`.
+struct FrameFeatures {
+  ArenaVector<Feature> features;
+  ArenaVector<Descriptor> descriptors;
+
+  FrameFeatures(Arena& arena, std::size_t capacity)
+      : features(arena.take<Feature>("features", capacity)),
+        descriptors(arena.take<Descriptor>("features.descriptors", capacity)) {}
+  void clear() {
+    features.clear();
+    descriptors.clear();
+  }
+};
+
+/// Corners spread evenly over picture and pyramid, with orientation (intensity centroid; Rublee et al., ICCV 2011),
+/// a 256-bit descriptor of their smoothed surroundings, and their undistorted ray. Depth and label are left open.
+/// Used by one thread; no heap after construction.
+class FeatureExtractor {
+ public:
+  FeatureExtractor(Arena& arena, const Config::Track& config, const CameraModel& camera);
+  void extract(ImageView<const std::uint8_t> grey, FrameFeatures& out);
+  double scale(int octave) const { return pyramid_.scale(octave); }
+
+ private:
+  void extract_level(int level, std::size_t wanted, FrameFeatures& out);
+  void collect_corners(int level, int columns, int rows, int cell_px);
+  Feature feature_at(int level, Corner corner) const;
+
+  struct Ranked {
+    Corner corner;
+    std::uint16_t rank;  // how many stronger corners the same cell has
+  };
+  Config::Track config_;
+  CameraModel camera_;
+  Pyramid pyramid_;
+  DescriptorPattern pattern_;
+  std::array<int, 16> circle_half_width_{};
+  CellCorners cell_;
+  ArenaVector<Ranked> ranked_;
+};
+
+}  // namespace stillmap

@@ -1,0 +1,109 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "track/local_map.h"
+
+#include <algorithm>
+#include <limits>
+
+namespace stillmap {
+
+LocalMap::LocalMap(Arena& arena, std::size_t keyframes, std::size_t points)
+    : points_(arena.take<MapPoint>("map_points", points)),
+      free_points_(arena.take<std::uint32_t>("map_points.free", points)),
+      keyframes_(arena.take<Keyframe>("keyframes", keyframes)) {
+  clear();
+}
+
+void LocalMap::clear() {
+  free_count_ = points_.size();
+  for (std::size_t i = 0; i < points_.size(); ++i) {
+    points_[i].alive = false;
+    free_points_[i] = static_cast<std::uint32_t>(points_.size() - 1 - i);
+  }
+  for (Keyframe& k : keyframes_) k.alive = false;
+}
+
+std::size_t LocalMap::slot_to_reuse() const {
+  // The point that was found longest ago says least about where the camera is now.
+  const auto oldest = std::min_element(points_.begin(), points_.end(), [](const MapPoint& a, const MapPoint& b) {
+    return a.last_found_sequence < b.last_found_sequence;
+  });
+  return static_cast<std::size_t>(oldest - points_.begin());
+}
+
+PointRef LocalMap::add_point(const MapPoint& point) {
+  std::size_t slot = 0;
+  if (free_count_ > 0) {
+    slot = free_points_[--free_count_];
+  } else {
+    ++points_refused_;
+    slot = slot_to_reuse();
+  }
+  points_[slot] = point;
+  points_[slot].alive = true;
+  points_[slot].id = next_point_id_++;
+  points_high_water_ = std::max<std::uint64_t>(points_high_water_, points_.size() - free_count_);
+  return {static_cast<std::int32_t>(slot), points_[slot].id};
+}
+
+void LocalMap::remove_point(std::size_t slot) {
+  STILLMAP_CHECK(points_[slot].alive);
+  points_[slot].alive = false;
+  free_points_[free_count_++] = static_cast<std::uint32_t>(slot);
+}
+
+MapPoint* LocalMap::find(PointRef ref) {
+  if (ref.slot < 0) return nullptr;
+  MapPoint& point = points_[static_cast<std::size_t>(ref.slot)];
+  return point.alive && point.id == ref.id ? &point : nullptr;
+}
+
+int LocalMap::living_points(const Keyframe& keyframe) {
+  return static_cast<int>(std::count_if(keyframe.features.begin(), keyframe.features.end(),
+                                        [&](const KeyframeFeature& f) { return find(f.point) != nullptr; }));
+}
+
+std::size_t LocalMap::keyframe_to_reuse() const {
+  // The one whose view its neighbours repeat best: nearest to another keyframe in place and direction. The newest
+  // three are what tracking stands on and stay.
+  const auto newest = std::max_element(keyframes_.begin(), keyframes_.end(),
+                                       [](const Keyframe& a, const Keyframe& b) { return a.id < b.id; });
+  double smallest = std::numeric_limits<double>::max();
+  std::size_t chosen = 0;
+  for (std::size_t i = 0; i < keyframes_.size(); ++i) {
+    if (keyframes_[i].id + 3 > newest->id) continue;
+    for (std::size_t j = 0; j < keyframes_.size(); ++j) {
+      if (i == j) continue;
+      const Pose T = inverse(keyframes_[i].T_odom_camera) * keyframes_[j].T_odom_camera;
+      const double apart = norm(T.t) + norm(log_so3(T.R));  // a metre weighs as much as a radian
+      if (apart < smallest) {
+        smallest = apart;
+        chosen = i;
+      }
+    }
+  }
+  return chosen;
+}
+
+Keyframe& LocalMap::add_keyframe() {
+  auto free = std::find_if(keyframes_.begin(), keyframes_.end(), [](const Keyframe& k) { return !k.alive; });
+  if (free == keyframes_.end()) {
+    ++keyframes_evicted_;
+    free = keyframes_.begin() + static_cast<std::ptrdiff_t>(keyframe_to_reuse());
+  }
+  free->alive = true;
+  free->id = next_keyframe_id_++;
+  free->features.clear();
+  const auto used = std::count_if(keyframes_.begin(), keyframes_.end(), [](const Keyframe& k) { return k.alive; });
+  keyframes_high_water_ = std::max(keyframes_high_water_, static_cast<std::uint64_t>(used));
+  return *free;
+}
+
+Keyframe* LocalMap::newest_keyframe() {
+  Keyframe* newest = nullptr;
+  for (Keyframe& k : keyframes_) {
+    if (k.alive && (newest == nullptr || k.id > newest->id)) newest = &k;
+  }
+  return newest;
+}
+
+}  // namespace stillmap

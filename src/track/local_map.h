@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+
+#include "core/arena.h"
+#include "core/feature.h"
+#include "core/time.h"
+
+namespace stillmap {
+
+/// A corner of the world. Positions are in the odom frame.
+struct MapPoint {
+  Vec3 p_odom;
+  /// Inverse covariance of p_odom, upper triangle: xx, xy, xz, yy, yz, zz, in 1/m^2.
+  std::array<double, 6> information{};
+  Vec3 view_direction;  ///< unit vector from the point to the camera that last described it
+  Descriptor descriptor;
+  double reference_distance_m = 0;  ///< from that camera
+  std::uint8_t reference_octave = 0;
+  bool alive = false;
+  std::uint16_t visible = 0, found = 0;  ///< frames that should have seen it, frames that did
+  std::uint32_t id = 0;                  ///< never used twice, so that a stale index is noticed
+  std::uint32_t first_keyframe = 0;
+  std::uint64_t last_found_sequence = 0;
+};
+
+/// Points to a MapPoint; stale when the slot has been given to another point since.
+struct PointRef {
+  std::int32_t slot = -1;
+  std::uint32_t id = 0;
+};
+
+/// A feature as a keyframe keeps it.
+struct KeyframeFeature {
+  float ray_x = 0, ray_y = 0, depth_m = 0;
+  std::uint8_t octave = 0;
+  PointRef point;
+};
+
+struct Keyframe {
+  static constexpr std::size_t kMaxFeatures = 1200;
+  bool alive = false;
+  std::uint32_t id = 0;
+  std::uint64_t sequence = 0;
+  Nanoseconds stamp_ns = 0;
+  Pose T_odom_camera;
+  int tracked_points = 0;  ///< how many points it saw when it was made, new ones included
+  FixedVector<KeyframeFeature, kMaxFeatures> features;
+  std::array<Descriptor, kMaxFeatures> descriptors;
+};
+
+/// Keyframes and points in memory fixed at start. The tracker's thread owns it.
+class LocalMap {
+ public:
+  LocalMap(Arena& arena, std::size_t keyframes, std::size_t points);
+
+  /// A slot for a new point with a fresh id, or the least useful point's slot when full (counted).
+  PointRef add_point(const MapPoint& point);
+  void remove_point(std::size_t slot);
+  std::span<MapPoint> points() { return points_; }
+  std::span<const MapPoint> points() const { return points_; }
+  /// The point, or nullptr where the reference is stale.
+  MapPoint* find(PointRef ref);
+
+  /// A slot for a new keyframe with a fresh id; when full, the one that the others make most redundant goes.
+  Keyframe& add_keyframe();
+  std::span<Keyframe> keyframes() { return keyframes_; }
+  std::span<const Keyframe> keyframes() const { return keyframes_; }
+  Keyframe* newest_keyframe();
+
+  /// How many of a keyframe's points are alive.
+  int living_points(const Keyframe& keyframe);
+  void clear();
+  PoolUsage point_usage() const { return {"points", points_.size(), points_high_water_, points_refused_}; }
+  PoolUsage keyframe_usage() const { return {"keyframes", keyframes_.size(), keyframes_high_water_, keyframes_evicted_}; }
+
+ private:
+  std::size_t slot_to_reuse() const;
+  std::size_t keyframe_to_reuse() const;
+
+  std::span<MapPoint> points_;
+  std::span<std::uint32_t> free_points_;
+  std::size_t free_count_ = 0;
+  std::span<Keyframe> keyframes_;
+  std::uint32_t next_point_id_ = 1, next_keyframe_id_ = 1;
+  std::uint64_t points_high_water_ = 0, points_refused_ = 0, keyframes_high_water_ = 0, keyframes_evicted_ = 0;
+};
+
+}  // namespace stillmap

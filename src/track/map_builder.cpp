@@ -1,0 +1,124 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "track/map_builder.h"
+
+#include <Eigen/Core>
+#include <Eigen/LU>
+#include <algorithm>
+
+namespace stillmap {
+
+namespace {
+
+// What the pose itself adds to a point's error. Keeps hundreds of repeated looks from making a point seem certain.
+constexpr double kPoseSigma_m = 0.004;
+constexpr std::uint16_t kSettledAfter = 40;  // measurements after which a point keeps its place
+
+Eigen::Matrix3d unpacked(const std::array<double, 6>& i) {
+  Eigen::Matrix3d m;
+  m << i[0], i[1], i[2], i[1], i[3], i[4], i[2], i[4], i[5];
+  return m;
+}
+
+std::array<double, 6> packed(const Eigen::Matrix3d& m) { return {m(0, 0), m(0, 1), m(0, 2), m(1, 1), m(1, 2), m(2, 2)}; }
+
+/// Information of one measurement: sharp across the ray, and along it as sharp as the depth sensor.
+Eigen::Matrix3d measurement_information(const Feature& f, const Pose& T_odom_camera, const CameraModel& camera, double scale) {
+  const double lateral = f.depth_m * scale / camera.fx, depth = camera.depth_sigma_m(f.depth_m);
+  const double a = 1 / (lateral * lateral + kPoseSigma_m * kPoseSigma_m), b = 1 / (depth * depth + kPoseSigma_m * kPoseSigma_m);
+  const Vec3 ray = T_odom_camera.R * Vec3{f.ray_x, f.ray_y, 1};
+  const Eigen::Vector3d r = Eigen::Vector3d(ray.x, ray.y, ray.z).normalized();
+  return a * Eigen::Matrix3d::Identity() + (b - a) * r * r.transpose();
+}
+
+Vec3 measured_position(const Feature& f, const Pose& T_odom_camera) {
+  return T_odom_camera * Vec3{f.ray_x * f.depth_m, f.ray_y * f.depth_m, f.depth_m};
+}
+
+}  // namespace
+
+double variance_along(const MapPoint& point, Vec3 direction) {
+  const Eigen::Matrix3d information = unpacked(point.information);
+  const Eigen::Vector3d d(direction.x, direction.y, direction.z);
+  return d.dot(information.inverse() * d);
+}
+
+MapPoint MapBuilder::new_point(const PosedFeatures& posed, std::size_t feature, const FeatureExtractor& extractor) const {
+  const Feature& f = posed.frame.features[feature];
+  MapPoint point;
+  point.p_odom = measured_position(f, posed.T_odom_camera);
+  point.information = packed(measurement_information(f, posed.T_odom_camera, camera_, extractor.scale(f.octave)));
+  const Vec3 to_camera = posed.T_odom_camera.t - point.p_odom;
+  point.reference_distance_m = norm(to_camera);
+  point.view_direction = 1 / point.reference_distance_m * to_camera;
+  point.descriptor = posed.frame.descriptors[feature];
+  point.reference_octave = f.octave;
+  point.visible = point.found = 1;
+  point.last_found_sequence = posed.sequence;
+  return point;
+}
+
+Keyframe& MapBuilder::insert_keyframe(LocalMap& map, const PosedFeatures& posed, const FeatureExtractor& extractor) const {
+  Keyframe& keyframe = map.add_keyframe();
+  keyframe.sequence = posed.sequence;
+  keyframe.stamp_ns = posed.stamp_ns;
+  keyframe.T_odom_camera = posed.T_odom_camera;
+  keyframe.tracked_points = 0;
+  for (std::size_t i = 0; i < posed.frame.features.size(); ++i) {
+    const Feature& f = posed.frame.features[i];
+    KeyframeFeature kept{f.ray_x, f.ray_y, f.depth_m, f.octave, {}};
+    FeatureMatch& match = posed.inliers[i];
+    if (match.slot >= 0) {
+      MapPoint& point = map.points()[static_cast<std::size_t>(match.slot)];
+      kept.point = {match.slot, point.id};
+      // The newest look describes the point: it is the one that the next frames resemble.
+      point.descriptor = posed.frame.descriptors[i];
+      const Vec3 to_camera = posed.T_odom_camera.t - point.p_odom;
+      point.reference_distance_m = norm(to_camera);
+      point.view_direction = 1 / point.reference_distance_m * to_camera;
+      point.reference_octave = f.octave;
+    } else if (f.label == Label::Static && f.depth_m > 0) {
+      MapPoint point = new_point(posed, i, extractor);
+      point.first_keyframe = keyframe.id;
+      kept.point = map.add_point(point);
+      match.slot = kept.point.slot;
+    }
+    keyframe.tracked_points += kept.point.slot >= 0;
+    keyframe.descriptors[keyframe.features.size()] = posed.frame.descriptors[i];
+    if (!keyframe.features.try_push_back(kept)) break;
+  }
+  return keyframe;
+}
+
+void MapBuilder::refine_points(LocalMap& map, const PosedFeatures& posed, const FeatureExtractor& extractor) const {
+  for (std::size_t i = 0; i < posed.frame.features.size(); ++i) {
+    if (posed.inliers[i].slot < 0) continue;
+    MapPoint& point = map.points()[static_cast<std::size_t>(posed.inliers[i].slot)];
+    ++point.found;
+    point.last_found_sequence = posed.sequence;
+    const Feature& f = posed.frame.features[i];
+    if (f.depth_m <= 0 || point.found > kSettledAfter) continue;
+    const Eigen::Matrix3d measured = measurement_information(f, posed.T_odom_camera, camera_, extractor.scale(f.octave));
+    const Eigen::Matrix3d sum = unpacked(point.information) + measured;
+    const Vec3 offset = measured_position(f, posed.T_odom_camera) - point.p_odom;
+    const Eigen::Vector3d step = sum.inverse() * (measured * Eigen::Vector3d(offset.x, offset.y, offset.z));
+    point.p_odom = point.p_odom + Vec3{step[0], step[1], step[2]};
+    point.information = packed(sum);
+  }
+}
+
+void MapBuilder::cull_points(LocalMap& map) const {
+  constexpr int kFewestLooks = 5;
+  constexpr double kFoundShare = 0.25;
+  const std::span<MapPoint> points = map.points();
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    MapPoint& p = points[i];
+    if (p.alive && p.visible >= kFewestLooks && p.found < kFoundShare * p.visible) map.remove_point(i);
+    // Halve the counts now and then, so that the share speaks of the recent past.
+    if (p.visible > 200) {
+      p.visible = static_cast<std::uint16_t>(p.visible / 2);
+      p.found = static_cast<std::uint16_t>(p.found / 2);
+    }
+  }
+}
+
+}  // namespace stillmap

@@ -1,0 +1,119 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "track/pose_solver.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Core>
+#include <cmath>
+
+namespace stillmap {
+
+namespace {
+
+using Vector6 = Eigen::Matrix<double, 6, 1>;
+using Matrix6 = Eigen::Matrix<double, 6, 6>;
+using Row6 = Eigen::Matrix<double, 1, 6>;
+
+// 95 % quantiles of chi-square with two and three degrees of freedom.
+constexpr double kChi2TwoDof = 5.991, kChi2ThreeDof = 7.815;
+constexpr int kRounds = 4, kIterationsPerRound = 5, kFewestObservations = 6;
+
+/// Whitened residuals of one observation and the point in the camera frame they come from.
+struct Residual {
+  Vec3 p_camera;
+  double u = 0, v = 0, z = 0;
+  bool valid = false;  // in front of the camera
+  double chi2() const { return u * u + v * v + z * z; }
+};
+
+Residual residual_of(const PoseObservation& o, const CameraModel& camera, const Pose& T_camera_world) {
+  Residual r;
+  r.p_camera = T_camera_world * o.p_world;
+  if (r.p_camera.z < 0.05) return r;
+  r.valid = true;
+  r.u = camera.fx * (r.p_camera.x / r.p_camera.z - o.ray_x) / o.sigma_px;
+  r.v = camera.fy * (r.p_camera.y / r.p_camera.z - o.ray_y) / o.sigma_px;
+  if (o.depth_m > 0) r.z = (r.p_camera.z - o.depth_m) / o.sigma_depth_m;
+  return r;
+}
+
+double limit_of(const PoseObservation& o) { return o.depth_m > 0 ? kChi2ThreeDof : kChi2TwoDof; }
+
+/// Derivative of one whitened residual row by the left perturbation, from its derivative by the point:
+/// p -> p + w x p + v, so d/dw = p x g and d/dv = g.
+Row6 row_of(Vec3 g, Vec3 p) {
+  const Vec3 w = cross(p, g);
+  Row6 row;
+  row << w.x, w.y, w.z, g.x, g.y, g.z;
+  return row;
+}
+
+struct NormalEquations {
+  Matrix6 H = Matrix6::Zero();
+  Vector6 b = Vector6::Zero();
+
+  void add(const PoseObservation& o, const CameraModel& camera, const Residual& r, bool robust) {
+    const double chi = std::sqrt(r.chi2()), limit = std::sqrt(limit_of(o));
+    const double weight = robust && chi > limit ? limit / chi : 1;  // Huber
+    const Vec3 p = r.p_camera;
+    const double iz = 1 / p.z, fx = camera.fx / o.sigma_px, fy = camera.fy / o.sigma_px;
+    add_row(row_of({fx * iz, 0, -fx * p.x * iz * iz}, p), r.u, weight);
+    add_row(row_of({0, fy * iz, -fy * p.y * iz * iz}, p), r.v, weight);
+    if (o.depth_m > 0) add_row(row_of({0, 0, 1 / o.sigma_depth_m}, p), r.z, weight);
+  }
+  void add_row(const Row6& row, double residual, double weight) {
+    H.noalias() += weight * row.transpose() * row;
+    b.noalias() -= weight * residual * row.transpose();
+  }
+};
+
+Pose perturbed(const Pose& T, const Vector6& d) {
+  const Mat3 dR = exp_so3({d[0], d[1], d[2]});
+  return {orthonormalized(dR * T.R), dR * T.t + Vec3{d[3], d[4], d[5]}};
+}
+
+}  // namespace
+
+PoseEstimate solve_pose(std::span<PoseObservation> observations, const CameraModel& camera,
+                        const Pose& T_camera_world_initial) {
+  PoseEstimate estimate{.T_camera_world = T_camera_world_initial};
+  Pose T = T_camera_world_initial;
+  NormalEquations equations;
+  for (int round = 0; round < kRounds; ++round) {
+    for (int iteration = 0; iteration < kIterationsPerRound; ++iteration) {
+      equations = {};
+      int used = 0;
+      for (const PoseObservation& o : observations) {
+        if (!o.inlier) continue;
+        const Residual r = residual_of(o, camera, T);
+        if (!r.valid) continue;
+        equations.add(o, camera, r, round < kRounds - 1);
+        ++used;
+      }
+      if (used < kFewestObservations) return estimate;
+      const Eigen::LDLT<Matrix6> ldlt(equations.H);
+      if (ldlt.info() != Eigen::Success || ldlt.vectorD().minCoeff() <= 1e-9) return estimate;
+      const Vector6 step = ldlt.solve(equations.b);
+      T = perturbed(T, step);
+      if (!is_finite(T)) return estimate;
+      if (step.squaredNorm() < 1e-14) break;
+    }
+    estimate.inliers = 0;
+    double squared_px = 0;
+    for (PoseObservation& o : observations) {
+      const Residual r = residual_of(o, camera, T);
+      o.inlier = r.valid && r.chi2() <= limit_of(o);
+      if (!o.inlier) continue;
+      ++estimate.inliers;
+      squared_px += (r.u * r.u + r.v * r.v) * o.sigma_px * o.sigma_px;
+    }
+    if (estimate.inliers < kFewestObservations) return estimate;
+    estimate.rms_px = std::sqrt(squared_px / estimate.inliers);
+  }
+  estimate.T_camera_world = T;
+  estimate.converged = true;
+  const Matrix6 covariance = equations.H.ldlt().solve(Matrix6::Identity());
+  Eigen::Map<Eigen::Matrix<double, 6, 6, Eigen::RowMajor>>(estimate.covariance.data()) = covariance;
+  return estimate;
+}
+
+}  // namespace stillmap

@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <span>
+
+#include "core/camera.h"
+#include "core/geometry.h"
+
+namespace stillmap {
+
+/// One feature matched to one map point.
+struct PoseObservation {
+  Vec3 p_world;              ///< the map point
+  double ray_x = 0, ray_y = 0;  ///< where the feature is, on the undistorted normalised plane
+  double sigma_px = 1;       ///< its localisation error, 1 sigma, at full resolution
+  double depth_m = 0;        ///< its measured depth, 0 = none
+  double sigma_depth_m = 0;  ///< 1 sigma of depth_m together with the map point's own
+  bool inlier = true;        ///< in: whether to start with it; out: whether it fits
+};
+
+struct PoseEstimate {
+  Pose T_camera_world;
+  int inliers = 0;
+  double rms_px = 0;  ///< reprojection error of the inliers
+  /// Of the left perturbation (rotation in rad, translation in m) in the camera frame, row-major.
+  std::array<double, 36> covariance{};
+  bool converged = false;  ///< false: too few or degenerate observations, T_camera_world is the initial one
+};
+
+/// The pose that minimises reprojection error and depth error together, by iteratively reweighted Gauss-Newton
+/// (Huber) in rounds, observations beyond the 95 % quantile of chi-square left out from round to round. Residual of
+/// an observation: (u, v) in units of sigma_px and, where there is depth, z in units of sigma_depth_m.
+/// No heap; any thread.
+PoseEstimate solve_pose(std::span<PoseObservation> observations, const CameraModel& camera,
+                        const Pose& T_camera_world_initial);
+
+}  // namespace stillmap

@@ -1,0 +1,206 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "track/tracker.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace stillmap {
+
+namespace {
+
+constexpr std::size_t kFeatureCapacity = Keyframe::kMaxFeatures;
+// The prediction may be wrong by a jerk of the hand; once solved, only noise is left.
+constexpr SearchWindow kAroundPrediction{.radius_px = 16, .max_distance = 70, .depth_share = 0.15};
+constexpr SearchWindow kWide{.radius_px = 48, .max_distance = 60, .depth_share = 0.25};
+constexpr SearchWindow kAroundSolution{.radius_px = 5, .max_distance = 80, .depth_share = 0.08};
+constexpr int kFewestToStart = 100;    // points of the first keyframe
+constexpr int kKeyframesPerTry = 6;    // keyframes compared per lost frame
+// FAST corners are found to whole pixels of their octave.
+constexpr double kCornerSigma_px = 0.8;
+
+Pose start_pose(const Config& config) {
+  if (!config.mount.T_base_camera) return {};
+  const auto& m = *config.mount.T_base_camera;
+  return {rotation_from({m[6], m[3], m[4], m[5]}), {m[0], m[1], m[2]}};
+}
+
+}  // namespace
+
+Tracker::Tracker(Arena& arena, const Config& config)
+    : config_(config),
+      extractor_(arena, config.track, config.camera),
+      frame_(arena, kFeatureCapacity),
+      grid_(arena, kFeatureCapacity, config.camera),
+      map_(arena, static_cast<std::size_t>(config.track.keyframes), static_cast<std::size_t>(config.track.points)),
+      matcher_(arena, config.track, config.camera),
+      builder_(config.track, config.camera),
+      relocalizer_(arena, config.track, config.camera),
+      semi_static_(arena, config.track, config.camera, kFeatureCapacity),
+      matches_(arena.take<FeatureMatch>("matches", kFeatureCapacity)),
+      observations_(arena.take<PoseObservation>("pose_observations", kFeatureCapacity)),
+      observed_feature_(arena.take<std::uint16_t>("pose_observations.feature", kFeatureCapacity)) {
+  result_.T_odom_camera = start_pose(config);
+}
+
+Random Tracker::random_for(std::uint64_t sequence) const {
+  return Random(static_cast<std::uint64_t>(config_.runtime.seed) * 0x9e3779b97f4a7c15ULL + sequence);
+}
+
+Pose Tracker::predict(Nanoseconds stamp_ns) const {
+  if (history_size_ == 0) return result_.T_odom_camera;
+  const PosedStamp& newest = history_[0];
+  if (history_size_ == 1) return newest.T_odom_camera;
+  const double span = to_seconds(newest.stamp_ns - history_[1].stamp_ns);
+  // Beyond a few frames an old velocity says nothing any more.
+  const double ahead = to_seconds(stamp_ns - newest.stamp_ns);
+  const double share = std::min(ahead / span, 3.0);
+  const Pose step = inverse(history_[1].T_odom_camera) * newest.T_odom_camera;
+  return newest.T_odom_camera * interpolate(Pose{}, step, share);
+}
+
+const TrackingResult& Tracker::track(const FrameSlot& slot, const DynamicMask& mask) {
+  const Pose predicted = predict(slot.colour_ns);
+  result_.sequence = slot.sequence;
+  result_.stamp_ns = slot.colour_ns;
+  result_.is_keyframe = false;
+  result_.inliers = result_.matches = 0;
+
+  extractor_.extract(slot.grey, frame_);
+  result_.features = static_cast<int>(frame_.features.size());
+  const Pose T_depth_colour = inverse(predict(slot.depth_ns)) * predicted;
+  sample_depth(slot.depth, config_.camera, T_depth_colour, frame_.features);
+  label_features(mask);
+  grid_.build(frame_.features);
+  std::fill(matches_.begin(), matches_.end(), FeatureMatch{});
+
+  if (result_.state == TrackState::Initializing) {
+    start_map(slot);
+  } else if (localize(slot, predicted)) {
+    judge();
+  } else {
+    result_.state = TrackState::Lost;
+    result_.T_odom_camera = predicted;
+  }
+  if (result_.has_pose()) {
+    history_[1] = history_[0];
+    history_[0] = {slot.colour_ns, result_.T_odom_camera};
+    history_size_ = std::min(history_size_ + 1, 2);
+    if (!result_.is_keyframe) {
+      builder_.refine_points(map_, posed(slot), extractor_);
+      matcher_.count_visible(map_, slot.depth);
+      if (wants_keyframe()) insert_keyframe(slot);
+    }
+  } else {
+    history_size_ = std::min(history_size_, 1);
+  }
+  semi_static_.remember(frame_, matches());
+  count_labels();
+  return result_;
+}
+
+void Tracker::label_features(const DynamicMask& mask) {
+  for (Feature& f : frame_.features) f.label = label_at(mask, f.x, f.y, f.depth_m);
+}
+
+void Tracker::start_map(const FrameSlot& slot) {
+  const auto usable = std::count_if(frame_.features.begin(), frame_.features.end(), [](const Feature& f) {
+    return f.label == Label::Static && f.depth_m > 0;
+  });
+  if (usable < kFewestToStart) return;
+  result_.state = TrackState::Tracking;
+  result_.inliers = static_cast<int>(usable);
+  result_.rms_px = 0;
+  insert_keyframe(slot);
+}
+
+bool Tracker::localize(const FrameSlot& slot, const Pose& T_odom_camera_predicted) {
+  const bool was_lost = result_.state == TrackState::Lost;
+  bool found = !was_lost && match_and_solve(kAroundPrediction, T_odom_camera_predicted);
+  if (!found && !was_lost) found = match_and_solve(kWide, T_odom_camera_predicted);
+  if (!found) found = relocalize();
+  if (!found) return false;
+
+  if (config_.track.dynamic_rule != DynamicRule::Off && history_size_ > 0) {
+    semi_static_.relabel(frame_, matches(), inverse(history_[0].T_odom_camera) * result_.T_odom_camera,
+                         random_for(slot.sequence));
+  }
+  return match_and_solve(kAroundSolution, result_.T_odom_camera);
+}
+
+bool Tracker::match_and_solve(const SearchWindow& window, const Pose& T_odom_camera) {
+  matcher_.project(map_, inverse(T_odom_camera));
+  result_.matches = matcher_.match(map_, frame_, grid_, window, extractor_, matches());
+  observations_.clear();
+  for (std::size_t i = 0; i < frame_.features.size(); ++i) {
+    if (matches_[i].slot < 0) continue;
+    const MapPoint& point = map_.points()[static_cast<std::size_t>(matches_[i].slot)];
+    const Feature& f = frame_.features[i];
+    PoseObservation o{.p_world = point.p_odom, .ray_x = f.ray_x, .ray_y = f.ray_y};
+    o.sigma_px = kCornerSigma_px * extractor_.scale(f.octave);
+    if (f.depth_m > 0) {
+      o.depth_m = f.depth_m;
+      const Vec3 axis = T_odom_camera.R * Vec3{0, 0, 1};
+      const double sensor = config_.camera.depth_sigma_m(f.depth_m);
+      o.sigma_depth_m = std::sqrt(sensor * sensor + variance_along(point, axis));
+    }
+    observed_feature_[observations_.size()] = static_cast<std::uint16_t>(i);
+    static_cast<void>(observations_.try_push_back(o));
+  }
+  estimate_ = solve_pose(observations_, config_.camera, inverse(T_odom_camera));
+  for (std::size_t k = 0; k < observations_.size(); ++k) {
+    if (!observations_[k].inlier) matches_[observed_feature_[k]].slot = -1;
+  }
+  if (!estimate_.converged || estimate_.inliers < config_.track.min_inliers) return false;
+  result_.T_odom_camera = inverse(estimate_.T_camera_world);
+  return true;
+}
+
+bool Tracker::relocalize() {
+  // The newest keyframe first: most often the camera has only jumped. Then the others in turn, a few per frame.
+  const std::span<Keyframe> keyframes = map_.keyframes();
+  for (int attempt = 0; attempt < kKeyframesPerTry; ++attempt) {
+    Keyframe* keyframe = map_.newest_keyframe();
+    if (attempt > 0) keyframe = &keyframes[next_keyframe_to_try_++ % keyframes.size()];
+    if (keyframe == nullptr || !keyframe->alive) continue;
+    const std::optional<Pose> T_camera_odom =
+        relocalizer_.relocalize(map_, *keyframe, frame_, extractor_, random_for(result_.sequence + keyframe->id));
+    if (T_camera_odom && match_and_solve(kAroundPrediction, inverse(*T_camera_odom))) return true;
+  }
+  return false;
+}
+
+void Tracker::judge() {
+  result_.inliers = estimate_.inliers;
+  result_.rms_px = estimate_.rms_px;
+  result_.covariance = estimate_.covariance;
+  result_.state = estimate_.inliers >= config_.track.weak_inliers ? TrackState::Tracking : TrackState::Weak;
+}
+
+bool Tracker::wants_keyframe() const {
+  if (result_.sequence < keyframe_sequence_ + 2) return false;
+  const Pose moved = inverse(T_odom_keyframe_) * result_.T_odom_camera;
+  constexpr double kTurn_rad = 0.17, kMove_m = 0.12;
+  return norm(log_so3(moved.R)) > kTurn_rad || norm(moved.t) > kMove_m || 2 * result_.inliers < keyframe_points_;
+}
+
+void Tracker::insert_keyframe(const FrameSlot& slot) {
+  builder_.cull_points(map_);
+  const Keyframe& keyframe = builder_.insert_keyframe(map_, posed(slot), extractor_);
+  T_odom_keyframe_ = keyframe.T_odom_camera;
+  keyframe_points_ = keyframe.tracked_points;
+  keyframe_sequence_ = keyframe.sequence;
+  result_.reference_keyframe = keyframe.id;
+  result_.is_keyframe = true;
+}
+
+void Tracker::count_labels() {
+  result_.labels = {};
+  for (const Feature& f : frame_.features) {
+    result_.labels.static_points += f.label == Label::Static;
+    result_.labels.dynamic += f.label == Label::Dynamic;
+    result_.labels.semi_static += f.label == Label::SemiStatic;
+    result_.labels.unknown += f.label == Label::Unknown;
+  }
+}
+
+}  // namespace stillmap

@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <span>
+
+#include "core/arena.h"
+#include "core/config.h"
+#include "core/dynamic_mask.h"
+#include "core/frame_pool.h"
+#include "core/tracking_result.h"
+#include "track/depth_sampling.h"
+#include "track/feature_extractor.h"
+#include "track/feature_grid.h"
+#include "track/local_map.h"
+#include "track/map_builder.h"
+#include "track/pose_solver.h"
+#include "track/projection_matcher.h"
+#include "track/relocalizer.h"
+#include "track/semi_static_check.h"
+
+namespace stillmap {
+
+/// RGB-D frames in, camera poses out. A stage: it knows no threads; one thread calls it. No heap after construction.
+///
+/// One frame: features; label them by the mask; predict the pose; match the local map around the prediction; solve;
+/// match again, narrower, around the solution; solve; judge; refine the map's points; perhaps make a keyframe.
+class Tracker {
+ public:
+  Tracker(Arena& arena, const Config& config);
+
+  /// Where the camera will be at `stamp_ns` if it goes on moving as it did.
+  Pose predict(Nanoseconds stamp_ns) const;
+  /// Tracks one frame. `mask` says what moves in it. The result stays valid until the next call.
+  const TrackingResult& track(const FrameSlot& frame, const DynamicMask& mask);
+
+  /// The newest frame's features with their final labels.
+  std::span<const Feature> features() const { return frame_.features; }
+  PoolUsage point_usage() const { return map_.point_usage(); }
+  PoolUsage keyframe_usage() const { return map_.keyframe_usage(); }
+
+ private:
+  void start_map(const FrameSlot& slot);
+  bool localize(const FrameSlot& slot, const Pose& T_odom_camera_predicted);
+  bool match_and_solve(const SearchWindow& window, const Pose& T_odom_camera);
+  bool relocalize();
+  void label_features(const DynamicMask& mask);
+  void judge();
+  bool wants_keyframe() const;
+  void insert_keyframe(const FrameSlot& slot);
+  void count_labels();
+  Random random_for(std::uint64_t sequence) const;
+  PosedFeatures posed(const FrameSlot& slot) { return {frame_, matches(), result_.T_odom_camera, slot.sequence, slot.colour_ns}; }
+  std::span<FeatureMatch> matches() { return matches_.first(frame_.features.size()); }
+
+  Config config_;
+  FeatureExtractor extractor_;
+  FrameFeatures frame_;
+  FeatureGrid grid_;
+  LocalMap map_;
+  ProjectionMatcher matcher_;
+  MapBuilder builder_;
+  Relocalizer relocalizer_;
+  SemiStaticCheck semi_static_;
+  std::span<FeatureMatch> matches_;
+  ArenaVector<PoseObservation> observations_;
+  std::span<std::uint16_t> observed_feature_;  // which feature observation i belongs to
+
+  TrackingResult result_;
+  PoseEstimate estimate_;
+  /// The last two posed frames, for the prediction.
+  struct PosedStamp {
+    Nanoseconds stamp_ns = 0;
+    Pose T_odom_camera;
+  };
+  std::array<PosedStamp, 2> history_;
+  int history_size_ = 0;
+  Pose T_odom_keyframe_;
+  int keyframe_points_ = 0;
+  std::uint64_t keyframe_sequence_ = 0;
+  std::size_t next_keyframe_to_try_ = 0;
+};
+
+}  // namespace stillmap
