@@ -358,4 +358,12 @@ Result<LoadedConfig> load_config(std::span<const std::string> files, std::span<c
   return loaded;
 }
 
+std::string config_text(const LoadedConfig& loaded) {
+  std::string text;
+  for (const ConfigEntry& e : loaded.entries) {
+    text += e.key + " = " + e.value + "  # " + (e.unit.empty() ? "" : "[" + e.unit + "] ") + e.help + "; from " + e.origin + "\n";
+  }
+  return text;
+}
+
 }  // namespace stillmap

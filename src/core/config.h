@@ -84,4 +84,7 @@ struct LoadedConfig {
 /// value, what was expected and the unit.
 Result<LoadedConfig> load_config(std::span<const std::string> files, std::span<const std::string> overrides);
 
+/// Every key with its value, unit and origin, one line each, in a fixed order.
+std::string config_text(const LoadedConfig& loaded);
+
 }  // namespace stillmap

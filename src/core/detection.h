@@ -25,6 +25,7 @@ struct Detection {
   std::uint16_t class_id = 0;  ///< index into `classes.names`
   ClassKind kind = ClassKind::Ignored;
   float score = 0;
+  float depth_m = 0;  ///< of the object's nearer part, along the optical axis; 0 = unknown
 };
 
 /// The objects of one frame.

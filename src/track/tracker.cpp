@@ -18,7 +18,7 @@ constexpr int kKeyframesPerTry = 6;    // keyframes compared per lost frame
 // FAST corners are found to whole pixels of their octave.
 constexpr double kCornerSigma_px = 0.8;
 
-Pose start_pose(const Config& config) {
+Pose mount_of(const Config& config) {
   if (!config.mount.T_base_camera) return {};
   const auto& m = *config.mount.T_base_camera;
   return {rotation_from({m[6], m[3], m[4], m[5]}), {m[0], m[1], m[2]}};
@@ -28,6 +28,7 @@ Pose start_pose(const Config& config) {
 
 Tracker::Tracker(Arena& arena, const Config& config)
     : config_(config),
+      T_base_camera_(mount_of(config)),
       extractor_(arena, config.track, config.camera),
       frame_(arena, kFeatureCapacity),
       grid_(arena, kFeatureCapacity, config.camera),
@@ -39,7 +40,7 @@ Tracker::Tracker(Arena& arena, const Config& config)
       matches_(arena.take<FeatureMatch>("matches", kFeatureCapacity)),
       observations_(arena.take<PoseObservation>("pose_observations", kFeatureCapacity)),
       observed_feature_(arena.take<std::uint16_t>("pose_observations.feature", kFeatureCapacity)) {
-  result_.T_odom_camera = start_pose(config);
+  result_.T_odom_camera = T_base_camera_;
 }
 
 Random Tracker::random_for(std::uint64_t sequence) const {

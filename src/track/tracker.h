@@ -34,6 +34,8 @@ class Tracker {
   /// Tracks one frame. `mask` says what moves in it. The result stays valid until the next call.
   const TrackingResult& track(const FrameSlot& frame, const DynamicMask& mask);
 
+  /// Where the camera sits on the robot (camera.T_base_camera); odom begins at the base. Identity when unknown.
+  Pose T_base_camera() const { return T_base_camera_; }
   /// The newest frame's features with their final labels.
   std::span<const Feature> features() const { return frame_.features; }
   PoolUsage point_usage() const { return map_.point_usage(); }
@@ -54,6 +56,7 @@ class Tracker {
   std::span<FeatureMatch> matches() { return matches_.first(frame_.features.size()); }
 
   Config config_;
+  Pose T_base_camera_;
   FeatureExtractor extractor_;
   FrameFeatures frame_;
   FeatureGrid grid_;

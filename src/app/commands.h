@@ -1,0 +1,20 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <functional>
+
+#include "core/status.h"
+
+namespace stillmap {
+
+/// What a parsed subcommand does; its Status decides the exit code.
+using Action = std::function<Status()>;
+
+// Each adds its subcommand to `app` and sets `action` when the user chose it.
+void add_run_command(CLI::App& app, Action& action);
+void add_eval_command(CLI::App& app, Action& action);
+void add_plan_command(CLI::App& app, Action& action);
+void add_check_command(CLI::App& app, Action& action);
+
+}  // namespace stillmap

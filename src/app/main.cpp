@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <cstdio>
+#include <string>
+
+#include "app/commands.h"
+#include "runtime/version.h"
+
+int main(int argc, char** argv) {
+  CLI::App app{"Stillmap: RGB-D frames in, the camera's pose and a map of everything that stands still out."};
+  app.set_version_flag("--version", std::string("stillmap ") + stillmap::kVersion + " (" + stillmap::kGitRevision +
+                                        "), sources: tum");
+  app.require_subcommand(1);
+  stillmap::Action action;
+  stillmap::add_run_command(app, action);
+  stillmap::add_eval_command(app, action);
+  stillmap::add_plan_command(app, action);
+  stillmap::add_check_command(app, action);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& e) {
+    if (e.get_exit_code() == static_cast<int>(CLI::ExitCodes::Success)) return app.exit(e);  // --help, --version
+    std::fprintf(stderr, "stillmap: %s; see `stillmap --help` and `stillmap COMMAND --help`\n", e.what());
+    return static_cast<int>(stillmap::ExitCode::WrongConfig);
+  }
+  const stillmap::Status status = action();
+  if (status.ok()) return static_cast<int>(stillmap::ExitCode::Done);
+  std::fprintf(stderr, "stillmap: %s\n", status.error().message.c_str());
+  return static_cast<int>(status.error().exit_code);
+}

@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+
+#include "core/camera.h"
+#include "core/detection.h"
+#include "core/fixed_vector.h"
+#include "core/geometry.h"
+#include "core/image.h"
+
+namespace stillmap {
+
+/// Fills Detection::depth_m from the frame that the boxes were found in: the nearer quarter of the readings in the
+/// middle of the box.
+void measure_depths(Detections& detections, ImageView<const std::uint16_t> depth, const CameraModel& camera);
+
+/// Brings boxes from the frame they were found in to the current one, so that a detector that is late, slow, or
+/// misses now and then still gives boxes for every frame.
+///
+/// A box is held as a rectangle in space, at the depth of its object, with a velocity from the detections before it;
+/// carrying projects it into the current camera. One that the detector no longer confirms coasts for
+/// `detector.max_age_ms` after it was last seen. Used by the tracker's thread; no heap.
+class BoxCarrier {
+ public:
+  BoxCarrier(const CameraModel& camera, Nanoseconds max_age_ns) : camera_(camera), max_age_ns_(max_age_ns) {}
+
+  /// Takes in a detector's word on one frame whose pose was `T_odom_camera`.
+  void update(const Detections& fresh, const Pose& T_odom_camera);
+  /// The boxes as they are on the frame at `stamp_ns`, seen from `T_odom_camera`. Boxes of that very frame come back as
+  /// they were found; others grow a little with their age.
+  void carry(Nanoseconds stamp_ns, const Pose& T_odom_camera, Detections& out);
+
+ private:
+  struct Track {
+    Detection seen;             // as last found
+    std::array<Vec3, 4> corners;  // odom frame, at seen_ns
+    Vec3 centre, velocity;      // odom frame, m and m/s
+    Nanoseconds seen_ns = 0;
+    bool has_velocity = false;
+    bool matched = false;
+  };
+  Track track_of(const Detection& d, Nanoseconds stamp_ns, const Pose& T_odom_camera) const;
+  Track* nearest(const Track& fresh);
+
+  CameraModel camera_;
+  Nanoseconds max_age_ns_;
+  FixedVector<Track, 48> tracks_;
+};
+
+}  // namespace stillmap

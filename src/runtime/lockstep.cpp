@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <utility>
+#include <vector>
+
+#include "runtime/capture.h"
+#include "runtime/heap_count.h"
+#include "runtime/run_context.h"
+
+namespace stillmap {
+
+namespace {
+
+/// The detector's words that are still on their way: `delay` frames long, in the order they will arrive.
+class DelayedDetections {
+ public:
+  explicit DelayedDetections(int delay) : queue_(static_cast<std::size_t>(delay) + 1) {}
+  struct Item {
+    std::uint64_t due_frame = 0;
+    DetectedFrame detected;
+  };
+  Item& add() { return queue_[(first_ + count_++) % queue_.size()]; }
+  Item* due(std::uint64_t frame) { return count_ > 0 && queue_[first_].due_frame <= frame ? &queue_[first_] : nullptr; }
+  void pop() {
+    queue_[first_].detected.frame.reset();
+    first_ = (first_ + 1) % queue_.size();
+    --count_;
+  }
+
+ private:
+  std::vector<Item> queue_;  // made at start
+  std::size_t first_ = 0, count_ = 0;
+};
+
+}  // namespace
+
+void run_lockstep(RunContext& context) {
+  Capture capture(context.driver, context.stages.frames, context.counters, context.capture_log);
+  DelayedDetections delayed(context.options.detector_delay);
+  PosedFrame posed;
+  Nanoseconds first_stamp_ns = 0;
+  for (std::uint64_t n = 0; !context.stop.load(std::memory_order_relaxed);) {
+    FrameHandle frame;
+    const Capture::Outcome outcome = capture.next(frame, 0);
+    if (outcome == Capture::Outcome::Nothing) continue;
+    if (outcome != Capture::Outcome::Frame) {
+      context.source_lost = outcome == Capture::Outcome::Lost;
+      break;
+    }
+    if (n == 0) first_stamp_ns = frame->colour_ns;
+    if (context.options.duration_s > 0 && to_seconds(frame->colour_ns - first_stamp_ns) > context.options.duration_s) break;
+
+    if (context.detector != nullptr && n % static_cast<std::uint64_t>(context.options.detector_every) == 0) {
+      DelayedDetections::Item& item = delayed.add();
+      item.due_frame = n + static_cast<std::uint64_t>(context.options.detector_delay);
+      item.detected.frame = frame.share();
+      if (!detect_frame(context, *frame, item.detected.boxes)) item.detected.boxes.items.clear();
+    }
+    if (auto* item = delayed.due(n)) context.stages.track.take_boxes(item->detected.boxes);
+    const bool has_pose = track_frame(context, *frame);
+
+    const HeapScope scope(HeapOwner::Map);
+    if (has_pose) {
+      context.stages.track.fill_posed(frame, posed);
+      context.stages.map.take_frame(std::move(posed));
+    }
+    posed.frame.reset();
+    if (auto* item = delayed.due(n)) {
+      // Its own boxes came with the frame where nothing is late.
+      if (item->detected.frame->sequence != frame->sequence) context.stages.map.take_detected(std::move(item->detected));
+      delayed.pop();
+    }
+    if (context.stages.stream) {
+      context.stages.map.answer_cloud_request(*context.stages.stream);
+      const HeapScope stream_scope(HeapOwner::Stream);
+      context.stages.stream->service(0);
+    }
+    ++n;
+  }
+}
+
+}  // namespace stillmap

@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/map_stage.h"
+
+#include "map/cloud.h"
+#include "segment/segment.h"
+
+namespace stillmap {
+
+MapStage::MapStage(Arena& arena, const Config& config, const RayTable& rays, bool has_detector)
+    : config_(config), map_(arena, config.map, config.camera, rays), has_detector_(has_detector) {}
+
+bool MapStage::due(std::uint64_t sequence) const {
+  return map_.fused_frames() == 0 || sequence >= last_fused_sequence_ + static_cast<std::uint64_t>(config_.map.fuse_every);
+}
+
+void MapStage::take_frame(PosedFrame&& posed) {
+  const FrameSlot& frame = *posed.frame;
+  if (newest_ns_ == 0) last_boxes_ns_ = frame.colour_ns;
+  newest_ns_ = frame.colour_ns;
+  const RecentPose& pose = recent_[frame.sequence % recent_.size()] = {frame.sequence, posed.T_map_colour, posed.T_map_depth,
+                                                                       posed.reference_keyframe};
+  const bool detector_silent =
+      newest_ns_ - last_boxes_ns_ > static_cast<Nanoseconds>(config_.detector.max_age_ms) * 1'000'000;
+  if (has_detector_ && !posed.boxes_are_its_own && !detector_silent) return;  // its own boxes are on their way
+  if (due(frame.sequence)) {
+    fuse(frame, pose, posed.mask);
+    (posed.boxes_are_its_own ? counts_.own_boxes : counts_.carried_boxes) += 1;
+  }
+  posed.frame.reset();
+}
+
+void MapStage::take_detected(DetectedFrame&& detected) {
+  const FrameSlot& frame = *detected.frame;
+  last_boxes_ns_ = detected.boxes.stamp_ns;
+  const RecentPose& pose = recent_[frame.sequence % recent_.size()];
+  if (pose.sequence != frame.sequence) {
+    ++counts_.unposed;
+  } else if (due(frame.sequence)) {
+    segment(detected.boxes, frame.depth, config_.camera, config_.track.dynamic_rule, mask_);
+    fuse(frame, pose, mask_);
+    ++counts_.own_boxes;
+  }
+  detected.frame.reset();
+}
+
+void MapStage::fuse(const FrameSlot& frame, const RecentPose& pose, const DynamicMask& mask) {
+  const Nanoseconds begin = monotonic_now();
+  static_cast<void>(map_.fuse({.colour = frame.colour,
+                               .depth = frame.depth,
+                               .mask = mask,
+                               .T_map_camera_depth = pose.T_map_depth,
+                               .T_map_camera_colour = pose.T_map_colour,
+                               .anchor_keyframe = pose.reference_keyframe,
+                               .sequence = frame.sequence}));
+  last_fused_sequence_ = frame.sequence;
+  fuse_time_.add(monotonic_now() - begin);
+}
+
+void MapStage::answer_cloud_request(StreamServer& server) {
+  const std::uint64_t fused = map_.fused_frames();
+  if (fused == cloud_of_fusion_ || !server.cloud_wanted()) return;
+  const std::span<CloudPoint> room = server.begin_cloud();
+  if (room.empty()) return;
+  server.publish_cloud(make_cloud(map_, room), newest_ns_);
+  cloud_of_fusion_ = fused;
+}
+
+}  // namespace stillmap

@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+
+#include "map/voxel_map.h"
+#include "runtime/latency.h"
+#include "runtime/track_stage.h"
+#include "stream/stream_server.h"
+
+namespace stillmap {
+
+/// A frame with the detector's word on it.
+struct DetectedFrame {
+  FrameHandle frame;
+  Detections boxes;
+};
+
+/// What the map fused, by where its mask came from; `unposed`: the detector's frames that never got a pose.
+struct FuseCounts {
+  std::uint64_t own_boxes = 0, carried_boxes = 0, unposed = 0;
+};
+
+/// Posed frames and boxes in, voxels out. Frames are fused that the detector has seen, with their own boxes; where it
+/// has said nothing for `detector.max_age_ms`, or there is none, frames are fused with the tracker's mask. Knows no
+/// threads.
+class MapStage {
+ public:
+  MapStage(Arena& arena, const Config& config, const RayTable& rays, bool has_detector);
+
+  void take_frame(PosedFrame&& posed);
+  /// After the frame itself came by `take_frame`.
+  void take_detected(DetectedFrame&& detected);
+  /// Hands the stream a new cloud when it wants one and the map has changed.
+  void answer_cloud_request(StreamServer& server);
+
+  const VoxelMap& map() const { return map_; }
+  const FuseCounts& counts() const { return counts_; }
+  const LatencyHistogram& fuse_time() const { return fuse_time_; }
+
+ private:
+  struct RecentPose {
+    std::uint64_t sequence = ~std::uint64_t{0};
+    Pose T_map_colour, T_map_depth;
+    std::uint32_t reference_keyframe = 0;
+  };
+  void fuse(const FrameSlot& frame, const RecentPose& pose, const DynamicMask& mask);
+  bool due(std::uint64_t sequence) const;
+
+  Config config_;
+  VoxelMap map_;
+  bool has_detector_;
+  Nanoseconds last_boxes_ns_ = 0, newest_ns_ = 0;
+  std::array<RecentPose, 64> recent_{};  // by sequence modulo size
+  DynamicMask mask_;
+  FuseCounts counts_;
+  LatencyHistogram fuse_time_;
+  std::uint64_t last_fused_sequence_ = 0, cloud_of_fusion_ = 0;
+};
+
+}  // namespace stillmap

@@ -1,0 +1,142 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/report.h"
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "runtime/heap_count.h"
+#include "runtime/memory_use.h"
+#include "runtime/version.h"
+
+namespace stillmap {
+
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+double rounded(double value, double step) { return std::isfinite(value) ? std::round(value / step) * step : value; }
+
+Json quantiles(const LatencyHistogram& h) {
+  const auto ms = [](double v) { return rounded(v, 0.001); };
+  return {{"p50", ms(h.quantile_ms(0.5))}, {"p95", ms(h.quantile_ms(0.95))}, {"p99", ms(h.quantile_ms(0.99))}, {"max", ms(h.max_ms())}};
+}
+
+Json frames_part(const RunCounters& c) {
+  Json dropped = Json::object();
+  for (int r = 0; r < kDropReasonCount; ++r) {
+    const std::uint64_t count = c.dropped[static_cast<std::size_t>(r)].load();
+    if (count > 0) dropped[to_string(static_cast<DropReason>(r))] = count;
+  }
+  return {{"offered", c.offered.load()}, {"processed", c.processed.load()}, {"dropped", dropped}};
+}
+
+Json tracking_part(const RunCounters& c) {
+  return {{"tracked", c.tracked.load()},
+          {"weak", c.weak.load()},
+          {"lost", c.lost.load()},
+          {"relocalized", c.relocalized.load()},
+          {"segments", c.segments.load()},
+          {"keyframes", c.keyframes.load()},
+          {"corrections", 0},
+          {"features",
+           {{"static", c.static_features.load()},
+            {"dynamic", c.dynamic_features.load()},
+            {"semi_static", c.semi_static_features.load()},
+            {"unknown", c.unknown_features.load()}}}};
+}
+
+Json memory_part(const RunContext& context, const ReportFacts& facts) {
+  const auto heap = heap_counts();
+  const auto of = [&](HeapOwner owner) { return heap[static_cast<std::size_t>(owner)]; };
+  Json pools = Json::object();
+  const auto add = [&](const PoolUsage& u) {
+    pools[u.name] = {{"capacity", u.capacity}, {"high_water", u.high_water}, {"refused", u.refused}};
+  };
+  add(context.stages.frames.usage());
+  add(context.stages.track.tracker().point_usage());
+  add(context.stages.track.tracker().keyframe_usage());
+  add(context.stages.map.map().usage());
+  return {{"planned_bytes", facts.planned_bytes},
+          {"rss_start_kb", facts.rss_start_kb},
+          {"rss_end_kb", resident_kb()},
+          {"rss_peak_kb", resident_peak_kb()},
+          {"heap_allocations_after_start",
+           {{"capture", of(HeapOwner::Capture)},
+            {"track", of(HeapOwner::Track)},
+            {"map", of(HeapOwner::Map)},
+            {"stream", of(HeapOwner::Stream)},
+            {"detect", of(HeapOwner::Detect)},
+            {"driver", of(HeapOwner::Driver)}}},
+          {"pools", pools}};
+}
+
+Json map_part(const RunContext& context) {
+  const VoxelMap& map = context.stages.map.map();
+  const FuseCounts& counts = context.stages.map.counts();
+  const PoolUsage blocks = map.usage();
+  return {{"voxels", map.occupied_voxels()},
+          {"blocks_used", map.blocks().blocks_used()},
+          {"blocks_capacity", blocks.capacity},
+          {"blocks_evicted", map.blocks_evicted()},
+          {"voxel_m", map.voxel_m()},
+          {"point_reduction", rounded(map.point_reduction(), 0.001)},
+          {"frames_fused", map.fused_frames()},
+          {"frames_fused_with_own_boxes", counts.own_boxes}};
+}
+
+Json accuracy_part(const Accuracy& a) {
+  Json part = {{"ate_rmse_m", a.ate_rmse_m},
+               {"ate_max_m", a.ate_max_m},
+               {"rpe_1s_rmse_m", a.rpe_1s_rmse_m},
+               {"rpe_1s_rmse_deg", a.rpe_1s_rmse_deg},
+               {"rpe_frame_rmse_m", a.rpe_frame_rmse_m},
+               {"matched_poses", a.matched_poses},
+               {"coverage", a.coverage}};
+  if (a.coverage < 0.99) part["note"] = "the errors tell of the covered frames only";
+  return part;
+}
+
+}  // namespace
+
+std::string make_report(const RunContext& context, const ReportFacts& facts) {
+  const RunCounters& c = context.counters;
+  const double wall_s = to_seconds(facts.run_end_ns - facts.run_start_ns);
+  const BoxSupply& boxes = context.stages.track.box_supply();
+  Json report;
+  report["version"] = 1;
+  report["mode"] = context.options.mode == RunMode::Lockstep ? "lockstep" : "realtime";
+  report["source"] = facts.source;
+  report["seed"] = context.config.runtime.seed;
+  report["git_revision"] = kGitRevision;
+  report["config_sha256"] = facts.config_sha256;
+  report["model_sha256"] = facts.model_sha256;
+  report["frames"] = frames_part(c);
+  report["tracking"] = tracking_part(c);
+  report["latency_ms"] = {{"capture_to_pose", quantiles(context.track_log.capture_to_pose)},
+                          {"decode", quantiles(context.capture_log.decode_time)},
+                          {"track", quantiles(context.track_log.track_time)},
+                          {"detect", quantiles(context.detect_log.run_time)},
+                          {"fuse", quantiles(context.stages.map.fuse_time())}};
+  report["throughput_fps"] = rounded(wall_s > 0 ? static_cast<double>(c.processed.load()) / wall_s : 0, 0.01);
+  report["cpu_s"] = rounded(facts.cpu_s, 0.001);
+  report["cpu_decode_s"] = rounded(to_seconds(context.capture_log.decode_cpu_ns), 0.001);
+  report["wall_s"] = rounded(wall_s, 0.001);
+  const Nanoseconds first_pose = context.track_log.first_pose_ns;
+  report["start_to_first_pose_ms"] = first_pose == 0 ? Json() : Json(rounded(to_ms(first_pose - facts.process_start_ns), 0.1));
+  report["detector"] = {{"model", facts.model},
+                        {"runs", c.detector_runs.load()},
+                        {"failures", c.detector_failures.load()},
+                        {"latency_ms", quantiles(context.detect_log.run_time)},
+                        {"frames_with_fresh_boxes", boxes.fresh},
+                        {"frames_with_carried_boxes", boxes.carried},
+                        {"frames_without_boxes", boxes.none}};
+  report["memory"] = memory_part(context, facts);
+  report["shedding"] = {{"steps", 0}, {"frames_shed", 0}};
+  report["map"] = map_part(context);
+  const StreamStats stream = context.stages.stream ? context.stages.stream->stats() : StreamStats{};
+  report["stream"] = {{"clients_peak", stream.clients_peak}, {"bytes_sent", stream.bytes_sent}, {"messages_dropped", stream.messages_dropped}};
+  if (facts.accuracy) report["accuracy"] = accuracy_part(*facts.accuracy);
+  return report.dump(2) + "\n";
+}
+
+}  // namespace stillmap

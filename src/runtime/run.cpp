@@ -1,0 +1,194 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/run.h"
+
+#include <spdlog/spdlog.h>
+#include <spdlog/sinks/stdout_sinks.h>
+
+#include <csignal>
+#include <ctime>
+#include <fstream>
+
+#include "detect/model_file.h"
+#include "eval/accuracy.h"
+#include "map/ply.h"
+#include "runtime/health.h"
+#include "runtime/memory_use.h"
+#include "runtime/report.h"
+#include "runtime/run_context.h"
+#include "runtime/source.h"
+
+namespace stillmap {
+
+namespace {
+
+std::atomic<bool> stop_requested{false};
+static_assert(std::atomic<bool>::is_always_lock_free, "a signal handler stores into it");
+
+void on_signal(int) { stop_requested.store(true, std::memory_order_relaxed); }
+
+/// SIGINT and SIGTERM ask for an orderly end; a client that hangs up is no reason to die.
+void handle_signals() {
+  struct sigaction action {};
+  action.sa_handler = on_signal;
+  sigaction(SIGINT, &action, nullptr);
+  sigaction(SIGTERM, &action, nullptr);
+  action.sa_handler = SIG_IGN;
+  sigaction(SIGPIPE, &action, nullptr);
+}
+
+double process_cpu_s() {
+  timespec t{};
+  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
+  return static_cast<double>(t.tv_sec) + static_cast<double>(t.tv_nsec) * 1e-9;
+}
+
+Status write_text(const std::string& path, const std::string& text) {
+  std::ofstream file(path, std::ios::binary);
+  file << text;
+  file.flush();
+  if (file) return {};
+  return Error{ExitCode::RunFailed, path + ": cannot be written; check the folder, its permissions and the space left"};
+}
+
+/// Refuses before the run what could only fail after it.
+Status check_outputs(const RunOptions& o) {
+  for (const std::string* path : {&o.trajectory, &o.trajectory_final, &o.map, &o.report}) {
+    if (path->empty()) continue;
+    std::ofstream probe(*path, std::ios::app);
+    if (!probe) return Error{ExitCode::RunFailed, *path + ": cannot be written; check the folder and its permissions"};
+  }
+  if (!o.map.empty() && !o.map.ends_with(".ply")) {
+    return Error{ExitCode::WrongConfig, "--map " + o.map + ": expected a file name that ends in .ply"};
+  }
+  return {};
+}
+
+Status write_outputs(const RunContext& context, ReportFacts& facts, const std::vector<StampedPose>& groundtruth,
+                     const std::vector<Nanoseconds>& stamps) {
+  const RunOptions& o = context.options;
+  const std::string header =
+      "stamp tx ty tz qx qy qz qw: T_map_camera (camera x right, y down, z forward; metres; stamps of the source)";
+  Status first;
+  const auto keep_first = [&](const Status& s) {
+    if (!s.ok() && first.ok()) first = s;
+  };
+  if (!o.trajectory.empty()) keep_first(write_trajectory(o.trajectory, context.track_log.causal, header));
+  if (!o.trajectory_final.empty()) keep_first(write_trajectory(o.trajectory_final, context.track_log.causal, header));
+  if (!o.map.empty()) keep_first(write_ply(context.stages.map.map(), o.map));
+  if (!groundtruth.empty()) {
+    const Result<Accuracy> accuracy = evaluate(groundtruth, context.track_log.causal, stamps);
+    if (accuracy.ok()) facts.accuracy = accuracy.value();
+    if (!accuracy.ok()) spdlog::warn("no accuracy: {}", accuracy.error().message);
+  }
+  if (!o.report.empty()) keep_first(write_text(o.report, make_report(context, facts)));
+  return first;
+}
+
+void say_summary(const RunContext& context, const ReportFacts& facts) {
+  const RunCounters& c = context.counters;
+  const double wall_s = to_seconds(facts.run_end_ns - facts.run_start_ns);
+  spdlog::info("{} frames in {:.1f} s: {} tracked, {} weak, {} lost; {} keyframes, {} voxels", c.processed.load(), wall_s,
+               c.tracked.load(), c.weak.load(), c.lost.load(), c.keyframes.load(), context.stages.map.map().occupied_voxels());
+  if (facts.accuracy) {
+    spdlog::info("ATE {:.4f} m (RMSE), {:.4f} m (max), coverage {:.3f}", facts.accuracy->ate_rmse_m, facts.accuracy->ate_max_m,
+                 facts.accuracy->coverage);
+  }
+}
+
+}  // namespace
+
+void plan_memory(Arena& planning, const Config& config, const Stages::Parts& parts) {
+  const auto stages = std::make_unique<Stages>(planning, config, parts);
+}
+
+Status check_budget(const Arena& planning, const Config& config) {
+  const double mb = static_cast<double>(planning.bytes_planned()) / 1e6;
+  if (mb <= config.memory.budget_mb) return {};
+  return Error{ExitCode::WrongConfig, fmt::format("the memory plan needs {:.1f} MB, memory.budget_mb is {:.1f} MB; lower "
+                                                  "map.capacity_voxels, track.keyframes or runtime.frame_pool (`stillmap plan` "
+                                                  "shows the shares) or raise the budget",
+                                                  mb, config.memory.budget_mb)};
+}
+
+Status run(const RunOptions& options) {
+  const Nanoseconds process_start_ns = monotonic_now();
+  spdlog::set_default_logger(std::make_shared<spdlog::logger>("stillmap", std::make_shared<spdlog::sinks::stderr_sink_mt>()));
+  const Result<LoadedConfig> loaded = load_config(options.configs, options.overrides);
+  if (!loaded.ok()) return loaded.error();
+  Config config = loaded.value().config;
+  if (!options.listen.empty()) config.stream.listen = options.listen;
+  if (Status s = check_outputs(options); !s.ok()) return s;
+
+  std::vector<StampedPose> groundtruth;
+  if (!options.groundtruth.empty()) {
+    Result<std::vector<StampedPose>> read = read_trajectory(options.groundtruth);
+    if (!read.ok()) return read.error();
+    groundtruth = std::move(read.value());
+  }
+  Result<OpenedSource> source = open_source(options.source, config);
+  if (!source.ok()) return source.error();
+  Result<ModelFile> model = find_model(config.detector);
+  if (!model.ok()) return model.error();
+  std::unique_ptr<Detector> detector;
+  if (!model.value().path.empty()) {
+    Result<std::unique_ptr<Detector>> opened = Detector::open(config, model.value().path);
+    if (!opened.ok()) return opened.error();
+    detector = std::move(opened.value());
+    if (!detector->class_warnings().empty()) spdlog::warn("{}", detector->class_warnings());
+  } else {
+    spdlog::warn("{}", model.value().note);
+  }
+
+  const Stages::Parts parts{.detector = detector != nullptr,
+                            .stream = config.stream.listen != "off",
+                            .extra_frames = options.mode == RunMode::Lockstep ? options.detector_delay : 0};
+  Arena planning;
+  plan_memory(planning, config, parts);
+  if (Status s = check_budget(planning, config); !s.ok()) return s;
+  Arena arena(planning.bytes_planned());
+  const auto stages = std::make_unique<Stages>(arena, config, parts);
+  if (stages->stream) {
+    if (Status s = stages->stream->open(); !s.ok()) return s;
+    spdlog::info("stream at port {} (open http://{} or point Foxglove at ws://{})", stages->stream->port(), config.stream.listen,
+                 config.stream.listen);
+  }
+
+  stop_requested.store(false);
+  handle_signals();
+  const auto context = std::make_unique<RunContext>(RunContext{
+      .config = config, .options = options, .driver = *source.value().driver, .detector = detector.get(), .stages = *stages, .stop = stop_requested});
+  constexpr std::size_t kPosesOfACamera = 200'000;
+  context->track_log.causal.reserve(source.value().stamps.empty() ? kPosesOfACamera : source.value().stamps.size());
+  if (Status s = source.value().driver->start(); !s.ok()) return s;
+
+  ReportFacts facts{.source = options.source,
+                    .config_sha256 = sha256_of(config_text(loaded.value())),
+                    .model = model.value().path.empty() ? "none" : model.value().path,
+                    .model_sha256 = model.value().sha256,
+                    .planned_bytes = arena.bytes_planned(),
+                    .rss_start_kb = resident_kb(),
+                    .process_start_ns = process_start_ns,
+                    .run_start_ns = monotonic_now()};
+  const double cpu_start_s = process_cpu_s();
+  if (options.mode == RunMode::Lockstep) {
+    run_lockstep(*context);
+  } else {
+    run_realtime(*context);
+  }
+  facts.run_end_ns = monotonic_now();
+  facts.cpu_s = process_cpu_s() - cpu_start_s;
+  source.value().driver->stop();
+  if (stages->stream) stages->stream->stop();
+  log_events(*context);
+
+  const Status written = write_outputs(*context, facts, groundtruth, source.value().stamps);
+  say_summary(*context, facts);
+  if (!written.ok()) return written;
+  if (context->source_lost) return Error{ExitCode::RunFailed, options.source + ": the source is gone; check its cable and power"};
+  if (context->counters.processed.load() == 0 && !stop_requested.load()) {
+    return Error{ExitCode::UnreadableInput, options.source + ": no frame could be used; the report counts why"};
+  }
+  return {};
+}
+
+}  // namespace stillmap

@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/run_context.h"
+
+#include "detect/box_carrier.h"
+#include "runtime/heap_count.h"
+
+namespace stillmap {
+
+namespace {
+
+void note_state(RunContext& context, const TrackingResult& result, TrackState before) {
+  if (result.state == before) return;
+  EventCode code = EventCode::TrackingLost;
+  if (before == TrackState::Initializing) code = EventCode::TrackingStarted;
+  if (before == TrackState::Lost) code = EventCode::Relocalized;
+  if (before == TrackState::Tracking && result.state == TrackState::Weak) code = EventCode::TrackingWeak;
+  if (before == TrackState::Weak && result.state == TrackState::Tracking) return;
+  static_cast<void>(context.events_of(Stage::Track).try_push({monotonic_now(), Stage::Track, code, result.sequence, result.inliers, 0}));
+}
+
+}  // namespace
+
+bool track_frame(RunContext& context, const FrameSlot& frame) {
+  const HeapScope scope(HeapOwner::Track);
+  const auto before = static_cast<TrackState>(context.counters.state.load(std::memory_order_relaxed));
+  const Nanoseconds begin = monotonic_now();
+  const TrackingResult& result = context.stages.track.step(frame);
+  context.track_log.track_time.add(monotonic_now() - begin);
+  const bool first = context.track_log.first_pose_ns == 0;
+  context.track_log.note(result, before, frame.due_ns, context.counters);
+  if (first && context.track_log.first_pose_ns != 0) start_heap_count();
+  note_state(context, result, before);
+  if (!result.has_pose()) return false;
+  if (context.stages.stream) {
+    const Pose T_base_camera = context.stages.track.T_base_camera();
+    context.stages.stream->publish_pose(
+        {result.stamp_ns, result.T_map_odom, result.T_odom_camera * inverse(T_base_camera), T_base_camera});
+  }
+  return true;
+}
+
+bool detect_frame(RunContext& context, const FrameSlot& frame, Detections& out) {
+  const HeapScope scope(HeapOwner::Detect);
+  const Nanoseconds begin = monotonic_now();
+  const bool ok = context.detector->run(frame, out);
+  if (ok) {
+    measure_depths(out, frame.depth, context.config.camera);
+    RunCounters::bump(context.counters.detector_runs);
+    context.detect_log.run_time.add(monotonic_now() - begin);
+  } else {
+    RunCounters::bump(context.counters.detector_failures);
+    static_cast<void>(context.events_of(Stage::Detect).try_push(
+        {monotonic_now(), Stage::Detect, EventCode::DetectorFailed, frame.sequence, 0, 0}));
+  }
+  return ok;
+}
+
+}  // namespace stillmap

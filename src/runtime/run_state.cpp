@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/run_state.h"
+
+namespace stillmap {
+
+void TrackLog::note(const TrackingResult& result, TrackState before, Nanoseconds due_ns, RunCounters& counters) {
+  using C = RunCounters;
+  const Nanoseconds now = monotonic_now();
+  C::bump(counters.processed);
+  counters.state.store(static_cast<int>(result.state), std::memory_order_relaxed);
+  counters.newest_sequence.store(result.sequence, std::memory_order_relaxed);
+  C::bump(counters.static_features, result.labels.static_points);
+  C::bump(counters.dynamic_features, result.labels.dynamic);
+  C::bump(counters.semi_static_features, result.labels.semi_static);
+  C::bump(counters.unknown_features, result.labels.unknown);
+  if (result.is_keyframe) C::bump(counters.keyframes);
+  if (result.state == TrackState::Lost) C::bump(counters.lost);
+  if (!result.has_pose()) return;
+  C::bump(result.state == TrackState::Tracking ? counters.tracked : counters.weak);
+  if (before == TrackState::Initializing) C::bump(counters.segments);
+  if (before == TrackState::Lost) C::bump(counters.relocalized);
+  if (first_pose_ns == 0) first_pose_ns = now;
+  capture_to_pose.add(now - due_ns);
+  if (causal.size() < causal.capacity()) causal.push_back({result.stamp_ns, result.T_map_camera()});
+}
+
+}  // namespace stillmap
