@@ -1,0 +1,165 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <jerror.h>
+#include <jpeglib.h>
+
+#include <algorithm>
+#include <csetjmp>
+#include <cstdio>
+#include <cstring>
+
+#include "drivers/tum_log/decode.h"
+#include "drivers/tum_log/scratch.h"
+
+// libjpeg ends an error by a longjmp, which must not pass an object with a destructor: in this file the
+// functions between setjmp and the library hold plain values only.
+
+namespace stillmap {
+
+namespace {
+
+/// The library's memory manager over a Scratch, in place of the one that takes from the heap for each
+/// picture.
+struct ScratchMemory : jpeg_memory_mgr {
+  explicit ScratchMemory(std::size_t bytes);
+  Scratch scratch;
+};
+
+void* take(j_common_ptr info, int pool, std::size_t bytes) {
+  Scratch& scratch = static_cast<ScratchMemory*>(info->mem)->scratch;
+  void* memory = pool == JPOOL_PERMANENT ? scratch.take_back(bytes) : scratch.take_front(bytes);
+  if (memory == nullptr) ERREXIT1(info, JERR_OUT_OF_MEMORY, 0);
+  return memory;
+}
+
+/// Rows of `row_bytes`, each on its own cache line, behind a table of their addresses.
+template <class Row>
+Row* take_rows(j_common_ptr info, int pool, std::size_t row_bytes, std::size_t rows) {
+  const std::size_t stride = (row_bytes + 63) / 64 * 64;
+  Row* table = static_cast<Row*>(take(info, pool, rows * sizeof(Row)));
+  std::byte* pixels = static_cast<std::byte*>(take(info, pool, rows * stride));
+  for (std::size_t i = 0; i < rows; ++i) table[i] = reinterpret_cast<Row>(pixels + i * stride);
+  return table;
+}
+
+JSAMPARRAY take_samples(j_common_ptr info, int pool, JDIMENSION per_row, JDIMENSION rows) {
+  return take_rows<JSAMPROW>(info, pool, per_row * sizeof(JSAMPLE), rows);
+}
+
+JBLOCKARRAY take_blocks(j_common_ptr info, int pool, JDIMENSION per_row, JDIMENSION rows) {
+  return take_rows<JBLOCKROW>(info, pool, per_row * sizeof(JBLOCK), rows);
+}
+
+// A "virtual" array of the library is simply all there. Decoding uses such arrays for the coefficients of
+// progressive pictures (blocks); those of samples serve colour quantisation, which is never asked for.
+jvirt_barray_ptr request_blocks(j_common_ptr info, int pool, boolean /*pre_zero*/, JDIMENSION per_row,
+                                JDIMENSION rows, JDIMENSION /*max_access*/) {
+  const JBLOCKARRAY blocks = take_blocks(info, pool, per_row, rows);
+  for (JDIMENSION i = 0; i < rows; ++i) std::memset(blocks[i], 0, per_row * sizeof(JBLOCK));
+  return reinterpret_cast<jvirt_barray_ptr>(blocks);
+}
+
+JBLOCKARRAY access_blocks(j_common_ptr, jvirt_barray_ptr blocks, JDIMENSION first_row, JDIMENSION, boolean) {
+  return reinterpret_cast<JBLOCKARRAY>(blocks) + first_row;
+}
+
+jvirt_sarray_ptr request_samples(j_common_ptr info, int, boolean, JDIMENSION, JDIMENSION, JDIMENSION) {
+  ERREXIT(info, JERR_NOT_COMPILED);
+  return nullptr;
+}
+
+JSAMPARRAY access_samples(j_common_ptr info, jvirt_sarray_ptr, JDIMENSION, JDIMENSION, boolean) {
+  ERREXIT(info, JERR_NOT_COMPILED);
+  return nullptr;
+}
+
+void free_pool(j_common_ptr info, int pool) {
+  if (pool == JPOOL_IMAGE) static_cast<ScratchMemory*>(info->mem)->scratch.clear_front();
+}
+
+ScratchMemory::ScratchMemory(std::size_t bytes) : jpeg_memory_mgr{}, scratch(bytes) {
+  alloc_small = take;
+  alloc_large = take;
+  alloc_sarray = take_samples;
+  alloc_barray = take_blocks;
+  request_virt_sarray = request_samples;
+  request_virt_barray = request_blocks;
+  realize_virt_arrays = [](j_common_ptr) {};
+  access_virt_sarray = access_samples;
+  access_virt_barray = access_blocks;
+  jpeg_memory_mgr::free_pool = stillmap::free_pool;
+  self_destruct = [](j_common_ptr) {};
+}
+
+struct ErrorManager : jpeg_error_mgr {
+  std::jmp_buf jump;
+};
+
+[[noreturn]] void leave(j_common_ptr info) {
+  std::longjmp(static_cast<ErrorManager*>(info->err)->jump, 1);
+}
+
+/// Coefficients of three full planes (a progressive picture), padded to whole 16-pixel units, and the tables.
+std::size_t scratch_bytes(int width, int height) {
+  const auto padded = [](int v) { return static_cast<std::size_t>(v + 31) / 16 * 16; };
+  return padded(width) * padded(height) * 3 * sizeof(JCOEF) + (std::size_t{1} << 20);
+}
+
+DecodeStatus decode(jpeg_decompress_struct& info, std::span<const std::byte> file,
+                    const ImageView<Bgr>& into) {
+  jpeg_mem_src(&info, reinterpret_cast<const unsigned char*>(file.data()), file.size());
+  jpeg_read_header(&info, TRUE);
+  if (info.image_width != static_cast<JDIMENSION>(into.width) ||
+      info.image_height != static_cast<JDIMENSION>(into.height)) {
+    return DecodeStatus::WrongSize;
+  }
+  info.out_color_space = JCS_EXT_BGR;
+  jpeg_start_decompress(&info);
+  while (info.output_scanline < info.output_height) {
+    JSAMPROW row = reinterpret_cast<JSAMPROW>(into.row(static_cast<int>(info.output_scanline)));
+    jpeg_read_scanlines(&info, &row, 1);
+  }
+  jpeg_finish_decompress(&info);
+  // The library patches what is damaged or cut short with grey and a warning; that is no picture to navigate
+  // by.
+  return info.err->num_warnings == 0 ? DecodeStatus::Ok : DecodeStatus::Corrupt;
+}
+
+}  // namespace
+
+struct JpegDecoder::Impl {
+  Impl(int width, int height) : memory(scratch_bytes(width, height)) {
+    info.err = jpeg_std_error(&error);
+    error.error_exit = leave;
+    error.emit_message = [](j_common_ptr i, int level) { i->err->num_warnings += level < 0 ? 1 : 0; };
+    error.output_message = [](j_common_ptr) {};
+    jpeg_create_decompress(&info);
+    own_memory = info.mem;
+    info.mem = &memory;
+  }
+  ~Impl() {
+    info.mem = own_memory;  // what creation took goes back to where it came from
+    jpeg_destroy_decompress(&info);
+  }
+  Impl(const Impl&) = delete;
+  Impl& operator=(const Impl&) = delete;
+
+  ScratchMemory memory;
+  ErrorManager error{};
+  jpeg_decompress_struct info{};
+  jpeg_memory_mgr* own_memory = nullptr;
+};
+
+JpegDecoder::JpegDecoder(int width, int height) : impl_(std::make_unique<Impl>(width, height)) {}
+JpegDecoder::~JpegDecoder() = default;
+
+DecodeStatus JpegDecoder::decode_colour(std::span<const std::byte> file, ImageView<Bgr> into) {
+  if (setjmp(impl_->error.jump) != 0) {
+    jpeg_abort_decompress(&impl_->info);
+    return DecodeStatus::Corrupt;
+  }
+  const DecodeStatus status = decode(impl_->info, file, into);
+  if (status != DecodeStatus::Ok) jpeg_abort_decompress(&impl_->info);
+  return status;
+}
+
+}  // namespace stillmap

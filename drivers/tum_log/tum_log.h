@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "drivers/rgbd_driver.h"
+
+namespace stillmap {
+
+/// A recorded log in the TUM RGB-D benchmark's layout: rgb.txt and depth.txt, or associations.txt; PNG or
+/// JPEG colour, 16-bit PNG depth. Frames come in the order of the lists, each with both stamps as written
+/// there, exact to the nanosecond. A frame that cannot be used is Dropped with its reason and the log goes
+/// on: NoDepthMatch and TimeJump as the lists show, MissingFile, WrongSize, CorruptColour, CorruptDepth as
+/// the files show.
+///
+/// `open` reads the lists and looks at every file's size; its error (UnreadableInput) names the folder and
+/// the mend. `start` goes back to the first frame. One thread; `grab` takes nothing from the heap.
+class TumLog : public RgbdDriver {
+ public:
+  /// The size is what the camera profile says; pictures of another size are dropped.
+  TumLog(std::string folder, int width, int height);
+  ~TumLog() override;
+
+  Status open() override;
+  SourceInfo describe() const override;
+  Status start() override;
+  GrabResult grab(FrameSlot& slot, Nanoseconds deadline_ns) override;
+  void stop() override {}
+
+  /// The colour stamps of all offered frames, usable or not, in order. Valid after `open`.
+  std::span<const Nanoseconds> colour_stamps() const { return colour_stamps_; }
+
+ private:
+  struct Reader;
+  std::string folder_;
+  int width_, height_;
+  std::vector<Nanoseconds> colour_stamps_;
+  std::unique_ptr<Reader> reader_;  // made by open
+  std::size_t next_ = 0;
+};
+
+}  // namespace stillmap
