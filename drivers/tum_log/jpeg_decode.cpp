@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <jerror.h>
-#include <jpeglib.h>
-
 #include <algorithm>
 #include <csetjmp>
 #include <cstdio>
 #include <cstring>
+
+// jpeglib.h uses names of stdio.h without including it, and jerror.h those of jpeglib.h.
+// clang-format off
+#include <jpeglib.h>
+#include <jerror.h>
+// clang-format on
 
 #include "drivers/tum_log/decode.h"
 #include "drivers/tum_log/scratch.h"

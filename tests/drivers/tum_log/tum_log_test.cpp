@@ -1,0 +1,312 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "drivers/tum_log/tum_log.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cstdlib>
+#include <fstream>
+
+#include "tests/drivers/tum_log/picture_files.h"
+#include "tests/support/shared_folder.h"
+
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#define STILLMAP_COUNTS_HEAP 0
+#else
+#define STILLMAP_COUNTS_HEAP 1
+// Every way to the heap passes here, those of C libraries too.
+static thread_local long g_heap_calls = 0;
+extern "C" {
+void* __libc_malloc(std::size_t);
+void* __libc_calloc(std::size_t, std::size_t);
+void* __libc_realloc(void*, std::size_t);
+void* __libc_memalign(std::size_t, std::size_t);
+void* malloc(std::size_t bytes) {
+  return ++g_heap_calls, __libc_malloc(bytes);
+}
+void* calloc(std::size_t count, std::size_t bytes) {
+  return ++g_heap_calls, __libc_calloc(count, bytes);
+}
+void* realloc(void* old, std::size_t bytes) {
+  return ++g_heap_calls, __libc_realloc(old, bytes);
+}
+void* aligned_alloc(std::size_t alignment, std::size_t bytes) {
+  return ++g_heap_calls, __libc_memalign(alignment, bytes);
+}
+}
+#endif
+
+namespace stillmap {
+namespace {
+
+using test::JpegKind;
+using test::PngKind;
+using testing::HasSubstr;
+
+constexpr int kWidth = 16, kHeight = 12;
+
+struct Slot : FrameSlot {
+  Slot(int width, int height)
+      : colour_pixels(static_cast<std::size_t>(width * height)), depth_pixels(colour_pixels.size()) {
+    colour = {colour_pixels.data(), width, height, width};
+    depth = {depth_pixels.data(), width, height, width};
+  }
+  std::vector<Bgr> colour_pixels;
+  std::vector<std::uint16_t> depth_pixels;
+};
+
+class TumLogFolder : public testing::Test {
+ protected:
+  static test::Bytes colour(int width = kWidth, int height = kHeight) {
+    return test::png_file(PngKind::Rgb8, width, height,
+                          std::vector<std::uint16_t>(static_cast<std::size_t>(3 * width * height), 77));
+  }
+  static test::Bytes depth(int width = kWidth, int height = kHeight) {
+    return test::png_file(PngKind::Grey16, width, height,
+                          std::vector<std::uint16_t>(static_cast<std::size_t>(width * height), 5000));
+  }
+  void write(const std::string& name, const test::Bytes& bytes) {
+    test::write_file(folder_.path() / name, bytes);
+  }
+  /// Writes n good frames 0.1 s apart, rgb/0.png ... and depth/0.png ..., and their list.
+  void write_good(int n) {
+    std::string list;
+    for (int i = 0; i < n; ++i) {
+      const std::string k = std::to_string(i);
+      write("rgb/" + k + ".png", colour());
+      write("depth/" + k + ".png", depth());
+      list += "1." + k + " rgb/" + k + ".png 1." + k + "01 depth/" + k + ".png\n";
+    }
+    test::write_text(folder_.path() / "associations.txt", list);
+  }
+  /// Plays the log to its end: "frame" or the reason, for each.
+  std::vector<std::string> play(TumLog& log) {
+    std::vector<std::string> story;
+    Slot slot(kWidth, kHeight);
+    for (GrabResult r = log.grab(slot, 0); r.status != GrabStatus::EndOfStream; r = log.grab(slot, 0)) {
+      story.push_back(r.status == GrabStatus::Frame ? "frame" : to_string(r.reason));
+    }
+    return story;
+  }
+  std::vector<std::string> play() {
+    TumLog log(folder_.path().string(), kWidth, kHeight);
+    const Status opened = log.open();
+    EXPECT_TRUE(opened.ok()) << opened.error().message;
+    EXPECT_TRUE(log.start().ok());
+    return play(log);
+  }
+  test::TemporaryFolder folder_;
+};
+
+TEST_F(TumLogFolder, DeliversPixelsAndBothStamps) {
+  write_good(2);
+  TumLog log(folder_.path().string(), kWidth, kHeight);
+  ASSERT_TRUE(log.open().ok());
+  ASSERT_TRUE(log.start().ok());
+  Slot slot(kWidth, kHeight);
+  ASSERT_EQ(log.grab(slot, 0).status, GrabStatus::Frame);
+  ASSERT_EQ(log.grab(slot, 0).status, GrabStatus::Frame);
+  EXPECT_EQ(slot.colour_ns, 1'100'000'000);
+  EXPECT_EQ(slot.depth_ns, 1'101'000'000);
+  EXPECT_EQ(slot.colour.at(3, 4).g, 77);
+  EXPECT_EQ(slot.depth.at(15, 11), 5000);
+  EXPECT_EQ(log.grab(slot, 0).status, GrabStatus::EndOfStream);
+  EXPECT_EQ(log.grab(slot, 0).status, GrabStatus::EndOfStream);
+  ASSERT_TRUE(log.start().ok());
+  EXPECT_EQ(play(log).size(), 2u) << "start goes back to the first frame";
+}
+
+TEST_F(TumLogFolder, DescribesItself) {
+  write_good(4);
+  TumLog log(folder_.path().string(), kWidth, kHeight);
+  ASSERT_TRUE(log.open().ok());
+  const SourceInfo info = log.describe();
+  EXPECT_EQ(info.name, "tum:" + folder_.path().string());
+  EXPECT_EQ(info.width, kWidth);
+  EXPECT_EQ(info.height, kHeight);
+  EXPECT_NEAR(info.fps, 10, 1e-9);
+  EXPECT_TRUE(info.is_log);
+  EXPECT_EQ(info.frames, 4u);
+  EXPECT_THAT(log.colour_stamps(),
+              testing::ElementsAre(1'000'000'000, 1'100'000'000, 1'200'000'000, 1'300'000'000));
+}
+
+TEST_F(TumLogFolder, EveryDamageHasItsReasonAndTheLogGoesOn) {
+  using testing::ElementsAre;
+  write_good(9);
+  std::filesystem::remove(folder_.path() / "rgb/0.png");
+  std::filesystem::remove(folder_.path() / "depth/1.png");
+  write("rgb/2.png", {});
+  write("depth/3.png", {});
+  write("rgb/4.png", test::Bytes(300, std::byte{'x'}));
+  test::Bytes cut = depth();
+  cut.resize(cut.size() / 2);
+  write("depth/5.png", cut);
+  write("rgb/6.png", colour(kWidth + 1, kHeight));
+  write("depth/7.png", depth(kWidth, kHeight - 1));
+  EXPECT_THAT(play(), ElementsAre("missing_file", "missing_file", "corrupt_colour", "corrupt_depth",
+                                  "corrupt_colour", "corrupt_depth", "wrong_size", "wrong_size", "frame"));
+}
+
+TEST_F(TumLogFolder, StrangeThingsInPlaceOfFiles) {
+  write_good(5);
+  std::filesystem::remove(folder_.path() / "rgb/0.png");
+  std::filesystem::create_directory(folder_.path() / "rgb/0.png");
+  write("rgb/1.png", depth());
+  write("depth/2.png", colour());
+  // A file that no picture of this size can be: sparse, so that it costs nothing here.
+  std::ofstream(folder_.path() / "rgb/3.png") << "x";
+  std::filesystem::resize_file(folder_.path() / "rgb/3.png", std::uintmax_t{1} << 40);
+  EXPECT_THAT(play(), testing::ElementsAre("missing_file", "corrupt_colour", "corrupt_depth",
+                                           "corrupt_colour", "frame"));
+}
+
+TEST_F(TumLogFolder, FilesThatChangeAfterOpenAreDropped) {
+  write_good(3);
+  TumLog log(folder_.path().string(), kWidth, kHeight);
+  ASSERT_TRUE(log.open().ok());
+  ASSERT_TRUE(log.start().ok());
+  test::Bytes grown = colour();
+  grown.resize(grown.size() + 100'000);
+  write("rgb/0.png", grown);
+  std::filesystem::remove(folder_.path() / "depth/1.png");
+  EXPECT_THAT(play(log), testing::ElementsAre("corrupt_colour", "missing_file", "frame"));
+}
+
+TEST_F(TumLogFolder, ColourWithoutDepthIsCountedWhenItsTurnComes) {
+  write_good(3);
+  std::filesystem::remove(folder_.path() / "associations.txt");
+  test::write_text(folder_.path() / "rgb.txt",
+                   "1.0 rgb/0.png\n1.1 rgb/1.png\n1.05 rgb/1.png\n1.2 rgb/2.png\n");
+  test::write_text(folder_.path() / "depth.txt", "1.0 depth/0.png\n1.05 depth/1.png\n1.2 depth/2.png\n");
+  EXPECT_THAT(play(), testing::ElementsAre("frame", "no_depth_match", "time_jump", "frame"));
+}
+
+TEST_F(TumLogFolder, ColourMayBeJpegWhateverTheNameSays) {
+  write_good(2);
+  write("rgb/1.png", test::jpeg_file(JpegKind::ProgressiveColour, kWidth, kHeight,
+                                     std::vector<std::uint8_t>(3 * kWidth * kHeight, 90)));
+  EXPECT_THAT(play(), testing::ElementsAre("frame", "frame"));
+}
+
+TEST_F(TumLogFolder, NoUsablePairIsAnErrorAtOpen) {
+  const auto error = [&] {
+    TumLog log(folder_.path().string(), kWidth, kHeight);
+    const Status status = log.open();
+    EXPECT_FALSE(status.ok());
+    if (status.ok()) return std::string();
+    EXPECT_EQ(status.error().exit_code, ExitCode::UnreadableInput);
+    return status.error().message;
+  };
+  const auto names_folder = HasSubstr(folder_.path().string());
+  EXPECT_THAT(error(), testing::AllOf(names_folder, HasSubstr("it needs rgb.txt and depth.txt")));
+  test::write_text(folder_.path() / "associations.txt", "# empty\n");
+  EXPECT_THAT(error(), testing::AllOf(names_folder, HasSubstr("no usable pair")));
+  test::write_text(folder_.path() / "associations.txt", "1.0 rgb/0.png 1.0 depth/0.png\n");
+  EXPECT_THAT(error(), testing::AllOf(names_folder, HasSubstr("no usable pair among 1 listed")));
+}
+
+TEST_F(TumLogFolder, TheSlotsSizeCounts) {
+  write_good(1);
+  TumLog log(folder_.path().string(), kWidth, kHeight);
+  ASSERT_TRUE(log.open().ok());
+  ASSERT_TRUE(log.start().ok());
+  Slot slot(kWidth, kHeight - 2);
+  const GrabResult result = log.grab(slot, 0);
+  EXPECT_EQ(result.status, GrabStatus::Dropped);
+  EXPECT_EQ(result.reason, DropReason::WrongSize);
+}
+
+/// Plays a real log to its end, with the heap calls of grab counted where that is possible.
+struct Playback {
+  int frames = 0, pairs_within_window = 0;
+  long heap_calls = 0;
+  std::array<std::int64_t, 4> first_frame{};  ///< sums of blue, green, red and depth
+};
+Playback play_real(const std::string& name, int width, int height) {
+  TumLog log((test::shared_folder() / "data" / name).string(), width, height);
+  EXPECT_TRUE(log.open().ok());
+  EXPECT_TRUE(log.start().ok());
+  Slot slot(width, height);
+  Playback out;
+#if STILLMAP_COUNTS_HEAP
+  const long before = g_heap_calls;
+#endif
+  for (GrabResult r = log.grab(slot, 0); r.status != GrabStatus::EndOfStream; r = log.grab(slot, 0)) {
+    if (r.status != GrabStatus::Frame) continue;
+    out.pairs_within_window += std::abs(slot.colour_ns - slot.depth_ns) <= 20'000'000 ? 1 : 0;
+    if (++out.frames > 1) continue;
+    for (const Bgr& p : slot.colour_pixels) {
+      out.first_frame[0] += p.b;
+      out.first_frame[1] += p.g;
+      out.first_frame[2] += p.r;
+    }
+    for (const std::uint16_t z : slot.depth_pixels) out.first_frame[3] += z;
+  }
+#if STILLMAP_COUNTS_HEAP
+  out.heap_calls = g_heap_calls - before;
+#endif
+  return out;
+}
+
+#if STILLMAP_COUNTS_HEAP
+TEST(TumLogReal, TheHeapCounterSeesTheLibraries) {
+  const long before = g_heap_calls;
+  const test::Bytes file = test::png_file(PngKind::Grey8, 4, 4, std::vector<std::uint16_t>(16));
+  EXPECT_GT(g_heap_calls - before, 5) << file.size();
+}
+#endif
+
+TEST(TumLogReal, WholeLogsPlayWithoutTheHeap) {
+  STILLMAP_NEEDS_SHARED();
+  for (const auto& [name, width, height, frames] : {std::tuple("fr1_rpy", 640, 480, 180),
+                                                    {"fr1_rpy_walkers", 640, 480, 180},
+                                                    {"office_walk", 540, 360, 190}}) {
+    const Playback played = play_real(name, width, height);
+    EXPECT_EQ(played.frames, frames) << name;
+    EXPECT_EQ(played.pairs_within_window, frames) << name;
+    EXPECT_EQ(played.heap_calls, 0) << name;
+  }
+}
+
+TEST(TumLogReal, PixelsAreThoseOfOtherDecoders) {
+  STILLMAP_NEEDS_SHARED();
+  // Summed once with a PNG reader over Python's zlib, and with OpenCV's JPEG reader.
+  EXPECT_THAT(play_real("fr1_rpy", 640, 480).first_frame,
+              testing::ElementsAre(41757121, 41516334, 45860736, 1186327619));
+  const auto jpeg = play_real("fr1_rpy_walkers", 640, 480).first_frame;
+  EXPECT_THAT((std::array{jpeg[0], jpeg[1], jpeg[2]}), testing::ElementsAre(41720963, 41521803, 45848648));
+}
+
+TEST(TumLogReal, AssociationByStampsEqualsThePublishedList) {
+  STILLMAP_NEEDS_SHARED();
+  for (const char* name : {"fr1_rpy", "office_walk"}) {
+    const std::filesystem::path real = test::shared_folder() / "data" / name;
+    test::TemporaryFolder folder;
+    for (const char* list : {"rgb.txt", "depth.txt"}) {
+      test::write_file(folder.path() / list, test::read_file(real / list));
+    }
+    for (const char* pictures : {"rgb", "depth"}) {
+      std::filesystem::create_directory_symlink(real / pictures, folder.path() / pictures);
+    }
+    TumLog own(folder.path().string(), 640, 480), published(real.string(), 640, 480);
+    ASSERT_TRUE(own.open().ok());
+    ASSERT_TRUE(published.open().ok());
+    EXPECT_TRUE(std::ranges::equal(own.colour_stamps(), published.colour_stamps())) << name;
+    if (std::string_view(name) == "fr1_rpy") {
+      EXPECT_EQ(own.colour_stamps()[0], 1305031239529662000);
+    }
+    ASSERT_TRUE(own.start().ok());
+    ASSERT_TRUE(published.start().ok());
+    Slot a(640, 480), b(640, 480);
+    for (GrabResult r = own.grab(a, 0); r.status != GrabStatus::EndOfStream; r = own.grab(a, 0)) {
+      ASSERT_EQ(published.grab(b, 0).status, r.status);
+      ASSERT_EQ(a.colour_ns, b.colour_ns);
+      ASSERT_EQ(a.depth_ns, b.depth_ns);
+    }
+  }
+}
+
+}  // namespace
+}  // namespace stillmap
