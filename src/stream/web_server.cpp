@@ -1,0 +1,258 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stream/web_server.h"
+
+#include <libwebsockets.h>
+#include <sys/socket.h>
+
+#include <array>
+#include <cstring>
+
+#include "stream/listen_address.h"
+
+namespace stillmap::stream {
+namespace {
+
+constexpr std::size_t kChunkBytes = 32 * 1024;  // one WebSocket frame
+constexpr int kChunksPerRound = 8;              // for one client, before the others have their turn
+constexpr int kSendBufferBytes =
+    192 * 1024;  // the kernel's, per client: takes a chunk whole whenever it takes any
+constexpr Nanoseconds kCloudInterval_ns = 1'000'000'000;
+constexpr Nanoseconds kFarewell_ns = 500'000'000;
+constexpr int kOtherSockets = 24;  // besides WebSocket clients: HTTP requests, listening, waking
+constexpr int kTryAgainLater = 1013;
+constexpr char kEnding[] = "the robot's runtime is ending";
+
+// A peer that has vanished, or reads nothing at all, answers no ping and gives its place back.
+constexpr lws_retry_bo_t kIdlePolicy = {nullptr, 0, 0, 20, 40, 0};
+
+int close_with(lws* socket, int code, std::string_view reason) {
+  std::array<unsigned char, 123> text{};  // what a close frame holds
+  const std::size_t bytes = std::min(reason.size(), text.size());
+  std::memcpy(text.data(), reason.data(), bytes);
+  lws_close_reason(socket, static_cast<lws_close_status>(code), text.data(), bytes);
+  return -1;
+}
+
+}  // namespace
+
+struct WebServer::Callback {
+  static int on_event(lws* socket, lws_callback_reasons reason, void* user, void* in, std::size_t bytes) {
+    auto* server = static_cast<WebServer*>(lws_context_user(lws_get_context(socket)));
+    auto* connection = static_cast<Connection*>(user);
+    switch (reason) {
+      case LWS_CALLBACK_HTTP:
+        return server->answer(socket, {static_cast<const char*>(in), bytes});
+      case LWS_CALLBACK_ESTABLISHED:
+        return server->accept(socket, *connection);
+      case LWS_CALLBACK_RECEIVE:
+        if (connection->slot != nullptr)
+          server->receive(*connection->slot, {static_cast<const char*>(in), bytes});
+        return 0;
+      case LWS_CALLBACK_SERVER_WRITEABLE:
+        return connection->slot != nullptr ? server->write(*connection->slot) : 0;
+      case LWS_CALLBACK_CLOSED:
+        server->forget(*connection);
+        return 0;
+      default:
+        return lws_callback_http_dummy(socket, reason, user, in, bytes);
+    }
+  }
+  // One callback for all: HTTP comes to the first entry, as does a WebSocket client that names no
+  // subprotocol.
+  static constexpr lws_protocols kProtocols[] = {
+      {"foxglove.sdk.v1", on_event, sizeof(Connection), 1024, 0, nullptr, 0},
+      {"foxglove.websocket.v1", on_event, sizeof(Connection), 1024, 0, nullptr, 0},
+      {nullptr, nullptr, 0, 0, 0, nullptr, 0},
+  };
+};
+
+WebServer::WebServer(std::size_t max_clients, Arena& arena, const Feed& feed, HttpContent& content,
+                     Counters& counters, EventRing& events)
+    : slots_(arena.take<Slot>("stream.clients", max_clients)),
+      scratch_(arena.take<std::uint8_t>("stream.scratch", LWS_PRE + kChunkBytes)),
+      feed_(feed),
+      content_(content),
+      counters_(counters),
+      events_(events),
+      timer_(std::make_unique<lws_sorted_usec_list>()) {}
+
+WebServer::~WebServer() {
+  if (context_ != nullptr) lws_context_destroy(context_);
+}
+
+Status WebServer::open(const std::string& listen) {
+  STILLMAP_CHECK(!slots_.empty() && context_ == nullptr);
+  const Result<ListenAddress> address = parse_listen_address(listen);
+  if (!address.ok()) return address.error();
+  if (Status possible = check_can_listen(address.value()); !possible.ok()) return possible;
+
+  lws_set_log_level(0, nullptr);  // its words aren't ours; what matters becomes a Status or a counter
+  lws_context_creation_info info{};
+  info.options = LWS_SERVER_OPTION_EXPLICIT_VHOSTS | LWS_SERVER_OPTION_FAIL_UPON_UNABLE_TO_BIND;
+  if (!address.value().ipv6) info.options |= LWS_SERVER_OPTION_DISABLE_IPV6;
+  info.user = this;
+  info.fd_limit_per_thread = static_cast<unsigned>(slots_.size() + kOtherSockets);
+  info.port = address.value().port;
+  info.iface = address.value().host.c_str();
+  info.protocols = Callback::kProtocols;
+  info.retry_and_idle_policy = &kIdlePolicy;
+  info.timeout_secs = 5;
+  info.keepalive_timeout = 5;
+  info.server_string = "stillmap";
+  context_ = lws_create_context(&info);
+  if (context_ != nullptr) vhost_ = lws_create_vhost(context_, &info);
+  if (vhost_ != nullptr) return {};
+  return Error{ExitCode::RunFailed,
+               "stream.listen: libwebsockets cannot listen on " + listen + "; try another port, or off"};
+}
+
+int WebServer::port() const {
+  return lws_get_vhost_listen_port(vhost_);
+}
+
+void WebServer::wake() {
+  if (Counters::read(counters_.clients) > 0) lws_cancel_service(context_);
+}
+
+void WebServer::service(int timeout_ms) {
+  give_up_on_the_overdue();
+  manage_cloud();
+  for (Slot& slot : slots_) {
+    if (slot.socket != nullptr && (stopping_ || slot.session.has_pending(feed_)))
+      lws_callback_on_writable(slot.socket);
+  }
+  // The library takes no timeout of its own (0 is until something happens, less is not at all): a timer wakes
+  // it.
+  if (timeout_ms > 0) {
+    lws_sul_schedule(
+        context_, 0, timer_.get(), [](lws_sorted_usec_list_t*) {}, lws_usec_t{timeout_ms} * 1000);
+  }
+  lws_service(context_, timeout_ms > 0 ? 0 : -1);
+}
+
+void WebServer::stop() {
+  stopping_ = true;
+  const Nanoseconds deadline_ns = monotonic_now() + kFarewell_ns;
+  while (Counters::read(counters_.clients) > 0 && monotonic_now() < deadline_ns) service(10);
+}
+
+void WebServer::give_up_on_the_overdue() {
+  const Nanoseconds now_ns = monotonic_now();
+  for (Slot& slot : slots_) {
+    if (slot.socket == nullptr || slot.given_up || !slot.session.overdue(now_ns)) continue;
+    slot.given_up = true;
+    Counters::add(counters_.clients_given_up, 1);
+    lws_set_timeout(slot.socket, PENDING_TIMEOUT_USER_REASON_BASE, LWS_TO_KILL_SYNC);
+  }
+}
+
+void WebServer::manage_cloud() {
+  CloudExchange& cloud = feed_.cloud;
+  const Nanoseconds now_ns = monotonic_now();
+  bool subscribed = false, owed = false, receiving = false;
+  for (const Slot& slot : slots_) {
+    if (slot.socket == nullptr || slot.given_up) continue;
+    subscribed = subscribed || slot.session.subscribed(Channel::Map);
+    owed = owed || slot.session.owed_cloud(cloud);
+    receiving = receiving || slot.session.receiving_cloud();
+  }
+  if (cloud.generation() != cloud_seen_) {
+    cloud_seen_ = cloud.generation();
+    cloud_seen_ns_ = now_ns;
+  }
+  if (owed || !subscribed) {
+    cloud.reclaim();
+  } else if (!receiving && (cloud_seen_ == 0 || now_ns - cloud_seen_ns_ >= kCloudInterval_ns)) {
+    cloud.offer();
+  }
+}
+
+int WebServer::accept(lws* socket, Connection& connection) {
+  connection.slot = nullptr;
+  if (stopping_) return close_with(socket, LWS_CLOSE_STATUS_GOINGAWAY, kEnding);
+  for (Slot& slot : slots_) {
+    if (slot.socket != nullptr) continue;
+    connection.slot = &slot;
+    slot.socket = socket;
+    slot.given_up = false;
+    slot.session.reset();
+    setsockopt(lws_get_socket_fd(socket), SOL_SOCKET, SO_SNDBUF, &kSendBufferBytes, sizeof(kSendBufferBytes));
+    counters_.client_came();
+    emit(EventCode::ClientConnected);
+    lws_callback_on_writable(socket);
+    return 0;
+  }
+  Counters::add(counters_.clients_refused, 1);
+  return close_with(socket, kTryAgainLater,
+                    "all places are taken; close another viewer or raise stream.max_clients");
+}
+
+void WebServer::forget(Connection& connection) {
+  if (connection.slot == nullptr) return;
+  connection.slot->socket = nullptr;
+  connection.slot = nullptr;
+  counters_.client_left();
+  emit(EventCode::ClientGone);
+}
+
+void WebServer::emit(EventCode code) {
+  const auto clients = static_cast<std::int64_t>(Counters::read(counters_.clients));
+  // A full ring counts what it refuses.
+  static_cast<void>(
+      events_.try_push({.stamp_ns = monotonic_now(), .stage = Stage::Stream, .code = code, .a = clients}));
+}
+
+void WebServer::receive(Slot& slot, std::string_view piece) {
+  slot.session.receive(feed_, piece, lws_is_first_fragment(slot.socket) != 0,
+                       lws_is_final_fragment(slot.socket) != 0, lws_frame_is_binary(slot.socket) != 0);
+  Counters::add(counters_.bad_messages, slot.session.take_bad_messages());
+  if (slot.session.has_pending(feed_)) lws_callback_on_writable(slot.socket);
+}
+
+int WebServer::write(Slot& slot) {
+  if (stopping_) return close_with(slot.socket, LWS_CLOSE_STATUS_GOINGAWAY, kEnding);
+  if (slot.given_up) return -1;
+  const Nanoseconds now_ns = monotonic_now();
+  const std::span<std::uint8_t> out = scratch_.subspan(LWS_PRE);
+  for (int i = 0; i < kChunksPerRound; ++i) {
+    const Chunk chunk = slot.session.next_chunk(feed_, out, now_ns);
+    Counters::add(counters_.messages_dropped, slot.session.take_dropped());
+    if (chunk.bytes == 0) return 0;
+    const int kind = chunk.first ? (chunk.text ? LWS_WRITE_TEXT : LWS_WRITE_BINARY) : LWS_WRITE_CONTINUATION;
+    const int flags = chunk.last ? kind : kind | LWS_WRITE_NO_FIN;
+    if (lws_write(slot.socket, out.data(), chunk.bytes, static_cast<lws_write_protocol>(flags)) < 0)
+      return -1;
+    Counters::add(counters_.bytes_sent, chunk.bytes);
+    if (chunk.last) Counters::add(counters_.messages_sent, 1);
+    if (lws_send_pipe_choked(slot.socket) != 0) break;
+  }
+  if (slot.session.has_pending(feed_)) lws_callback_on_writable(slot.socket);
+  return 0;
+}
+
+int WebServer::answer(lws* socket, std::string_view path) {
+  if (lws_hdr_total_length(socket, WSI_TOKEN_GET_URI) > 0) return reply(socket, content_.find(path));
+  reply(socket, {405, "text/plain", "only GET\n"});
+  return -1;  // a body may follow that nobody reads
+}
+
+int WebServer::reply(lws* socket, const HttpReply& reply) {
+  const std::span<std::uint8_t> out = scratch_.subspan(LWS_PRE);
+  STILLMAP_CHECK(reply.body.size() <= out.size());
+  std::uint8_t *end_of_headers = out.data(), *const end = out.data() + out.size();
+  constexpr std::string_view kNoStore = "no-store";
+  if (lws_add_http_common_headers(socket, reply.status, reply.type, reply.body.size(), &end_of_headers,
+                                  end) != 0 ||
+      lws_add_http_header_by_token(socket, WSI_TOKEN_HTTP_CACHE_CONTROL,
+                                   reinterpret_cast<const std::uint8_t*>(kNoStore.data()),
+                                   int{kNoStore.size()}, &end_of_headers, end) != 0 ||
+      lws_finalize_write_http_header(socket, out.data(), &end_of_headers, end) != 0) {
+    return -1;
+  }
+  std::memcpy(out.data(), reply.body.data(), reply.body.size());
+  if (lws_write(socket, out.data(), reply.body.size(), LWS_WRITE_HTTP_FINAL) < 0) return -1;
+  Counters::add(counters_.bytes_sent, reply.body.size());
+  return lws_http_transaction_completed(socket) != 0 ? -1 : 0;
+}
+
+}  // namespace stillmap::stream
