@@ -1,0 +1,115 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "map/block_table.h"
+
+#include <algorithm>
+#include <bit>
+#include <tuple>
+
+namespace stillmap {
+
+BlockTable::BlockTable(Arena& arena, std::size_t blocks)
+    : blocks_(arena.take<Block>("map_blocks", blocks)),
+      voxels_(arena.take<Voxel>("map_voxels", blocks * kBlockVoxels)),
+      slots_(arena.take<int>("map_hash_slots", std::bit_ceil(2 * blocks))),
+      free_(arena.take<int>("map_free_blocks", blocks)),
+      candidates_(arena.take<Candidate>("map_eviction", blocks)) {}
+
+void BlockTable::begin_frame(BlockCoordinates camera) {
+  camera_ = camera;
+  evicted_this_frame_ = false;
+}
+
+std::size_t BlockTable::home_slot(BlockCoordinates at) const {
+  // Each axis is multiplied by an odd number of its own; the high bits, which every input bit reaches, choose.
+  const std::uint64_t mixed = static_cast<std::uint32_t>(at.x) * 0x9e3779b97f4a7c15u ^
+                              static_cast<std::uint32_t>(at.y) * 0xc2b2ae3d27d4eb4fu ^
+                              static_cast<std::uint32_t>(at.z) * 0x165667b19e3779f9u;
+  return static_cast<std::size_t>((mixed ^ mixed >> 32) * 0x9e3779b97f4a7c15u >> 32) & (slots_.size() - 1);
+}
+
+std::size_t BlockTable::slot_of(BlockCoordinates at) const {
+  std::size_t slot = home_slot(at);
+  while (slots_[slot] != 0 && !(block(slots_[slot] - 1).at == at)) slot = (slot + 1) & (slots_.size() - 1);
+  return slot;
+}
+
+int BlockTable::find(BlockCoordinates at) const { return slots_.empty() ? kNone : slots_[slot_of(at)] - 1; }
+
+int BlockTable::find_or_add(BlockCoordinates at, std::uint32_t anchor_keyframe) {
+  std::size_t slot = slot_of(at);
+  if (slots_[slot] != 0) return slots_[slot] - 1;
+  const auto full = [this] { return free_count_ == 0 && static_cast<std::size_t>(used_) == blocks_.size(); };
+  if (full() && !evicted_this_frame_) {
+    evict_farther_than(distance2_to_camera(at));
+    slot = slot_of(at);  // evicting moves entries
+  }
+  if (full()) {
+    ++refused_;
+    return kNone;
+  }
+  const int index = free_count_ > 0 ? free_[static_cast<std::size_t>(--free_count_)] : used_++;
+  Block& made = blocks_[static_cast<std::size_t>(index)];
+  made = {};
+  made.at = at;
+  made.anchor_keyframe = anchor_keyframe;
+  made.in_use = true;
+  std::ranges::fill(voxels(index), Voxel{});
+  slots_[slot] = index + 1;
+  high_water_ = std::max<std::uint64_t>(high_water_, blocks_used());
+  return index;
+}
+
+void BlockTable::note_fused(int index, std::uint64_t sequence, bool changed, int occupied) {
+  Block& b = blocks_[static_cast<std::size_t>(index)];
+  b.fused_sequence = sequence;
+  if (changed) b.changed_sequence = sequence;
+  occupied_voxels_ += static_cast<std::uint64_t>(occupied);
+  occupied_voxels_ -= b.occupied;
+  b.occupied = static_cast<std::uint16_t>(occupied);
+}
+
+std::int64_t BlockTable::distance2_to_camera(BlockCoordinates at) const {
+  const std::int64_t x = std::int64_t{at.x} - camera_.x, y = std::int64_t{at.y} - camera_.y,
+                     z = std::int64_t{at.z} - camera_.z;
+  return x * x + y * y + z * z;
+}
+
+void BlockTable::evict_farther_than(std::int64_t distance2) {
+  evicted_this_frame_ = true;
+  std::size_t count = 0;
+  for (int i = 0; i < used_; ++i) {
+    const std::int64_t d2 = distance2_to_camera(block(i).at);
+    if (block(i).in_use && d2 > distance2) candidates_[count++] = {d2, i};
+  }
+  const std::size_t batch = std::min(count, std::max<std::size_t>(1, blocks_.size() / 16));
+  // Ties go by index, so that the same run evicts the same blocks everywhere.
+  const auto farther = [](const Candidate& a, const Candidate& b) {
+    return std::tuple(-a.distance2, a.index) < std::tuple(-b.distance2, b.index);
+  };
+  std::ranges::nth_element(candidates_.first(count), candidates_.begin() + static_cast<std::ptrdiff_t>(batch), farther);
+  std::ranges::sort(candidates_.first(batch), farther);
+  for (const Candidate& c : candidates_.first(batch)) evict(c.index);
+}
+
+void BlockTable::evict(int index) {
+  Block& b = blocks_[static_cast<std::size_t>(index)];
+  erase_slot(slot_of(b.at));
+  occupied_voxels_ -= b.occupied;
+  b = {};
+  free_[static_cast<std::size_t>(free_count_++)] = index;
+  ++evicted_;
+}
+
+void BlockTable::erase_slot(std::size_t slot) {
+  // Backward-shift deletion: later entries of the run close the gap, so that no tombstones slow the search down.
+  const std::size_t mask = slots_.size() - 1;
+  for (std::size_t next = (slot + 1) & mask; slots_[next] != 0; next = (next + 1) & mask) {
+    const std::size_t home = home_slot(block(slots_[next] - 1).at);
+    if (((next - home) & mask) < ((next - slot) & mask)) continue;  // it may not move before its home
+    slots_[slot] = slots_[next];
+    slot = next;
+  }
+  slots_[slot] = 0;
+}
+
+}  // namespace stillmap

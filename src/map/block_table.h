@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+
+#include "core/arena.h"
+#include "map/voxel.h"
+
+namespace stillmap {
+
+/// The blocks of the map in memory fixed at start, found by their coordinates through a hash table with open
+/// addressing (linear probing, at most half full). One thread.
+///
+/// When every block is taken, the blocks farthest from the camera make room: one pass over the headers, at most once
+/// per frame, gives up the farthest sixteenth at once. So an insertion never pays for a scan, and the choice is exact
+/// where a probe of a few blocks would now and then hit one in view. Only blocks farther than the one that asks are
+/// given up; where none is, the asker is refused: a view that does not fit keeps its near part, without thrashing.
+class BlockTable {
+ public:
+  static constexpr int kNone = -1;
+
+  BlockTable(Arena& arena, std::size_t blocks);
+
+  /// To be called before the first `find_or_add` of a frame. `camera` is the camera's place in whole blocks.
+  void begin_frame(BlockCoordinates camera);
+  /// The index of the block at `at`, or kNone.
+  int find(BlockCoordinates at) const;
+  /// As `find`, and makes an empty block where there is none. kNone, counted, where it is refused. May reuse the index
+  /// of any other block.
+  int find_or_add(BlockCoordinates at, std::uint32_t anchor_keyframe);
+
+  /// Indices run from 0 to size() - 1 in order of first use; those with `!in_use` are to be skipped.
+  int size() const { return used_; }
+  const Block& block(int index) const { return blocks_[static_cast<std::size_t>(index)]; }
+  std::span<Voxel, kBlockVoxels> voxels(int index) {
+    return voxels_.subspan(static_cast<std::size_t>(index) * kBlockVoxels).first<kBlockVoxels>();
+  }
+  std::span<const Voxel, kBlockVoxels> voxels(int index) const {
+    return voxels_.subspan(static_cast<std::size_t>(index) * kBlockVoxels).first<kBlockVoxels>();
+  }
+  /// Notes that frame `sequence` was fused into a block, which now holds `occupied` occupied voxels.
+  void note_fused(int index, std::uint64_t sequence, bool changed, int occupied);
+
+  std::uint64_t occupied_voxels() const { return occupied_voxels_; }
+  std::uint64_t evicted() const { return evicted_; }
+  /// Blocks in use at most so far, and how often one was refused.
+  PoolUsage usage() const { return {"map_blocks", blocks_.size(), high_water_, refused_}; }
+  std::size_t blocks_used() const { return static_cast<std::size_t>(used_ - free_count_); }
+
+ private:
+  struct Candidate {
+    std::int64_t distance2 = 0;
+    int index = 0;
+  };
+
+  std::size_t home_slot(BlockCoordinates at) const;
+  /// The slot that holds `at`, or the empty one where it belongs.
+  std::size_t slot_of(BlockCoordinates at) const;
+  void erase_slot(std::size_t slot);
+  std::int64_t distance2_to_camera(BlockCoordinates at) const;
+  void evict_farther_than(std::int64_t distance2);
+  void evict(int index);
+
+  std::span<Block> blocks_;
+  std::span<Voxel> voxels_;
+  std::span<int> slots_;  // index + 1 of a block, 0 = empty; a power of two
+  std::span<int> free_;   // stack of indices given up and not yet taken again
+  std::span<Candidate> candidates_;
+  int used_ = 0, free_count_ = 0;
+  BlockCoordinates camera_;
+  bool evicted_this_frame_ = false;
+  std::uint64_t occupied_voxels_ = 0, evicted_ = 0, refused_ = 0, high_water_ = 0;
+};
+
+}  // namespace stillmap

@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include "core/arena.h"
+#include "core/camera.h"
+#include "core/dynamic_mask.h"
+#include "core/image.h"
+
+namespace stillmap {
+
+/// What one depth picture says along the ray of each pixel, boiled down to a number z in m:
+///   z > 0  something still stands at depth z;
+///   z < 0  the ray is free up to |z|, and what stands there is not mapped: a mover, or beyond the map's range;
+///   z = 0  nothing: no reading, one out of the trusted range, or one on a depth silhouette. There a reading is a mix
+///          of the near and the far surface and belongs to neither. The picture's outermost pixels count as such.
+/// One thread.
+class MeasuredDepth {
+ public:
+  MeasuredDepth(Arena& arena, const CameraModel& camera, double max_range_m);
+
+  /// `depth` is of the camera's size and in its depth units; `mask` belongs to the same frame.
+  void prepare(ImageView<const std::uint16_t> depth, const DynamicMask& mask);
+  /// Row-major, camera.width * camera.height numbers as above.
+  std::span<const float> z_m() const { return z_m_; }
+
+ private:
+  void prepare_row(ImageView<const std::uint16_t> depth, int y);
+  void leave_out(ImageView<const std::uint16_t> depth, const DynamicMask& mask);
+  void leave_out_in(const Box& region, ImageView<const std::uint16_t> depth, const DynamicMask& mask);
+
+  CameraModel camera_;
+  float max_range_m_;
+  std::span<float> z_m_;
+};
+
+}  // namespace stillmap

@@ -1,0 +1,153 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "map/voxel_map.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace stillmap {
+
+namespace {
+
+/// The far end of the map: voxel coordinates stay well inside 32 bits at any voxel size that the configuration takes.
+constexpr double kMaxDistance_m = 1e6;
+
+bool is_usable(const Pose& T) {
+  if (!is_finite(T)) return false;
+  const Mat3 identity = T.R * transposed(T.R);
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 3; ++c) {
+      if (std::abs(identity(r, c) - (r == c ? 1 : 0)) > 1e-3) return false;
+    }
+  }
+  return std::max({std::abs(T.t.x), std::abs(T.t.y), std::abs(T.t.z)}) <= kMaxDistance_m;
+}
+
+bool covers(const DynamicMask& mask, int width, int height) {
+  if (mask.rule != DynamicRule::Silhouette) return true;
+  return mask.cell_px > 0 && mask.columns > 0 && mask.columns <= DynamicMask::kMaxColumns && mask.rows > 0 &&
+         mask.rows <= DynamicMask::kMaxRows && mask.columns * mask.cell_px >= width &&
+         mask.rows * mask.cell_px >= height;
+}
+
+/// Coordinates of the block around a voxel, and the voxel's place within it.
+BlockCoordinates block_of(std::int32_t x, std::int32_t y, std::int32_t z) {
+  static_assert(kBlockEdge == 8);
+  return {x >> 3, y >> 3, z >> 3};
+}
+std::size_t place_in_block(std::int32_t x, std::int32_t y, std::int32_t z) {
+  return static_cast<std::size_t>((x & 7) + 8 * (y & 7) + 64 * (z & 7));
+}
+
+}  // namespace
+
+VoxelMap::VoxelMap(Arena& arena, const Config::Map& config, const CameraModel& camera, const RayTable& rays)
+    : config_(config),
+      camera_(camera),
+      rays_(rays),
+      table_(arena, static_cast<std::size_t>(config.capacity_voxels / kBlockVoxels)),
+      measured_(arena, camera, config.max_range_m),
+      fuser_(camera, rays, config.voxel_m, arena.planning()),
+      row_x_(arena.take<std::int32_t>("map_row_x", static_cast<std::size_t>(camera.width))),
+      row_y_(arena.take<std::int32_t>("map_row_y", static_cast<std::size_t>(camera.width))),
+      row_z_(arena.take<std::int32_t>("map_row_z", static_cast<std::size_t>(camera.width))) {}
+
+FuseOutcome VoxelMap::fuse(const FuseInput& input) {
+  if (const FuseOutcome wrong = check(input); wrong != FuseOutcome::Fused) return wrong;
+  ++fused_frames_;
+  // 0 marks voxels without a point, so it is no frame's mark.
+  const std::uint16_t frame_mark = static_cast<std::uint16_t>(1 + (fused_frames_ - 1) % 65535);
+  measured_.prepare(input.depth, input.mask);
+  mark_points(input, frame_mark);
+  fuser_.begin_frame(input.T_map_camera_depth, input.T_map_camera_colour, measured_.z_m(), input.colour,
+                     config_.max_range_m, frame_mark);
+  for (int i = 0; i < table_.size(); ++i) {
+    const Block& block = table_.block(i);
+    if (!block.in_use || !fuser_.in_view(block.at)) continue;
+    const BlockFuser::Change change = fuser_.fuse(block.at, table_.voxels(i));
+    table_.note_fused(i, input.sequence, change.shown, change.occupied);
+  }
+  return FuseOutcome::Fused;
+}
+
+FuseOutcome VoxelMap::check(const FuseInput& input) const {
+  const auto fits = [this](const auto& picture) {
+    return picture.data != nullptr && picture.width == camera_.width && picture.height == camera_.height;
+  };
+  if (!fits(input.colour) || !fits(input.depth)) return FuseOutcome::WrongSize;
+  if (!covers(input.mask, camera_.width, camera_.height)) return FuseOutcome::WrongMask;
+  if (!is_usable(input.T_map_camera_depth) || !is_usable(input.T_map_camera_colour)) return FuseOutcome::WrongPose;
+  return FuseOutcome::Fused;
+}
+
+void VoxelMap::mark_points(const FuseInput& input, std::uint16_t frame_mark) {
+  const Vec3 t = (1 / config_.voxel_m) * input.T_map_camera_depth.t;
+  table_.begin_frame(block_of(static_cast<std::int32_t>(std::floor(t.x)), static_cast<std::int32_t>(std::floor(t.y)),
+                              static_cast<std::int32_t>(std::floor(t.z))));
+  const std::span<const float> z_m = measured_.z_m();
+  std::uint64_t points = 0, distinct = 0;
+  BlockCoordinates at;
+  int index = BlockTable::kNone;
+  bool have_block = false;
+  for (int y = 0; y < camera_.height; ++y) {
+    place_row(y, input.T_map_camera_depth);
+    const float* z = z_m.data() + static_cast<std::ptrdiff_t>(y) * camera_.width;
+    for (std::size_t x = 0; x < row_x_.size(); ++x) {
+      if (z[x] <= 0) continue;
+      // Neighbouring pixels mostly share a block: the table is asked only where it changes.
+      const BlockCoordinates around = block_of(row_x_[x], row_y_[x], row_z_[x]);
+      if (!have_block || !(around == at)) {
+        at = around;
+        have_block = true;
+        index = table_.find_or_add(at, input.anchor_keyframe);
+      }
+      if (index == BlockTable::kNone) continue;
+      ++points;
+      Voxel& voxel = table_.voxels(index)[place_in_block(row_x_[x], row_y_[x], row_z_[x])];
+      distinct += static_cast<std::uint64_t>(voxel.last_hit != frame_mark);
+      voxel.last_hit = frame_mark;
+    }
+  }
+  if (distinct == 0) return;
+  reduction_sum_ += static_cast<double>(points) / static_cast<double>(distinct);
+  ++reduced_frames_;
+}
+
+void VoxelMap::place_row(int y, const Pose& T_map_camera) {
+  // In voxels from the camera's own voxel, so that single precision serves however far the camera is from the origin.
+  const double per_voxel = 1 / config_.voxel_m;
+  const Vec3 t = per_voxel * T_map_camera.t;
+  const Vec3 base = {std::floor(t.x), std::floor(t.y), std::floor(t.z)};
+  const float* z_m = measured_.z_m().data() + static_cast<std::ptrdiff_t>(y) * camera_.width;
+  const auto place = [&](std::span<std::int32_t> out, int axis, double t_axis, double base_axis) {
+    const float rx = static_cast<float>(per_voxel * T_map_camera.R(axis, 0));
+    const float ry = static_cast<float>(per_voxel * T_map_camera.R(axis, 1));
+    const float rz = static_cast<float>(per_voxel * T_map_camera.R(axis, 2));
+    const float offset = static_cast<float>(t_axis - base_axis);
+    const std::int32_t whole = static_cast<std::int32_t>(base_axis);
+    std::int32_t* to = out.data();
+    const int width = camera_.width;
+    for (int x = 0; x < width; ++x) {
+      const RayTable::Ray ray = rays_.at(x, y);
+      to[x] = whole + static_cast<std::int32_t>(std::floor(z_m[x] * (rx * ray.x + ry * ray.y + rz) + offset));
+    }
+  };
+  place(row_x_, 0, t.x, base.x);
+  place(row_y_, 1, t.y, base.y);
+  place(row_z_, 2, t.z, base.z);
+}
+
+Occupancy VoxelMap::at(Vec3 p) const {
+  // Refuses NaN as well.
+  const bool near = std::abs(p.x) < kMaxDistance_m && std::abs(p.y) < kMaxDistance_m && std::abs(p.z) < kMaxDistance_m;
+  if (!near) return Occupancy::Unknown;
+  const auto voxel = [this](double m) { return static_cast<std::int32_t>(std::floor(m / config_.voxel_m)); };
+  const std::int32_t x = voxel(p.x), y = voxel(p.y), z = voxel(p.z);
+  const int index = table_.find(block_of(x, y, z));
+  return index == BlockTable::kNone ? Occupancy::Unknown : table_.voxels(index)[place_in_block(x, y, z)].occupancy();
+}
+
+double VoxelMap::point_reduction() const {
+  return reduced_frames_ == 0 ? 0 : reduction_sum_ / static_cast<double>(reduced_frames_);
+}
+
+}  // namespace stillmap

@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include "core/arena.h"
+#include "core/camera.h"
+#include "core/config.h"
+#include "core/dynamic_mask.h"
+#include "core/geometry.h"
+#include "core/image.h"
+#include "map/block_fuser.h"
+#include "map/block_table.h"
+#include "map/measured_depth.h"
+#include "map/voxel.h"
+
+namespace stillmap {
+
+/// One posed frame for the map. Nothing is owned: all of it must live through the call.
+struct FuseInput {
+  ImageView<const Bgr> colour;
+  ImageView<const std::uint16_t> depth;  ///< registered to colour, in the camera's depth units, 0 = no reading
+  const DynamicMask& mask;               ///< of this frame
+  Pose T_map_camera_depth;               ///< at the depth picture's stamp
+  Pose T_map_camera_colour;              ///< at the colour picture's stamp
+  std::uint32_t anchor_keyframe = 0;     ///< blocks made now are anchored to it
+  std::uint64_t sequence = 0;
+};
+
+/// Anything but Fused leaves the map as it was.
+enum class FuseOutcome : std::uint8_t {
+  Fused,
+  WrongSize,  ///< a picture is not of the camera's size
+  WrongMask,  ///< the mask's cells do not cover the picture
+  WrongPose,  ///< not finite, no rotation, or more than 1000 km from the origin
+};
+
+/// An occupied voxel: its centre in m in the map frame, its colour and its block.
+struct OccupiedVoxel {
+  float x = 0, y = 0, z = 0;
+  Bgr colour;
+  const Block& block;
+};
+
+/// The map of everything that stands still: voxels in blocks, in memory fixed at start. One thread, the map's own,
+/// calls all of it. Nothing here takes memory from the heap after construction.
+class VoxelMap {
+ public:
+  /// `rays` must be of this camera and outlive the map.
+  VoxelMap(Arena& arena, const Config::Map& config, const CameraModel& camera, const RayTable& rays);
+
+  FuseOutcome fuse(const FuseInput& input);
+
+  /// What is known of a point of the map frame, m.
+  Occupancy at(Vec3 p_map) const;
+
+  /// Calls `visit(const OccupiedVoxel&)` for each occupied voxel, block by block in order of their first use: the same
+  /// fusions give the same order.
+  template <class Visitor>
+  void for_each_occupied(Visitor&& visit) const {
+    for (int i = 0; i < table_.size(); ++i) {
+      const Block& block = table_.block(i);
+      if (block.occupied == 0) continue;
+      const std::span<const Voxel, kBlockVoxels> voxels = table_.voxels(i);
+      for (int v = 0; v < kBlockVoxels; ++v) {
+        const Voxel& voxel = voxels[static_cast<std::size_t>(v)];
+        if (!voxel.occupied()) continue;
+        visit(OccupiedVoxel{centre_m(block.at.x, v % kBlockEdge), centre_m(block.at.y, v / kBlockEdge % kBlockEdge),
+                            centre_m(block.at.z, v / (kBlockEdge * kBlockEdge)), voxel.colour, block});
+      }
+    }
+  }
+  const BlockTable& blocks() const { return table_; }
+
+  double voxel_m() const { return config_.voxel_m; }
+  std::uint64_t occupied_voxels() const { return table_.occupied_voxels(); }
+  std::uint64_t blocks_evicted() const { return table_.evicted(); }
+  std::uint64_t fused_frames() const { return fused_frames_; }
+  /// Depth readings that one voxel stands for (the seed paper's voxel filter has about 9:1): of each fused frame, its
+  /// mapped readings (in range, not on a silhouette, not on a mover) over the distinct voxels that they lie in; the
+  /// mean over all fused frames that had any. 0 before the first.
+  double point_reduction() const;
+  PoolUsage usage() const { return table_.usage(); }
+
+ private:
+  float centre_m(std::int32_t block, int voxel) const {
+    return static_cast<float>((kBlockEdge * static_cast<double>(block) + voxel + 0.5) * config_.voxel_m);
+  }
+  FuseOutcome check(const FuseInput& input) const;
+  void mark_points(const FuseInput& input, std::uint16_t frame_mark);
+  void place_row(int y, const Pose& T_map_camera);
+
+  Config::Map config_;
+  CameraModel camera_;
+  const RayTable& rays_;
+  BlockTable table_;
+  MeasuredDepth measured_;
+  BlockFuser fuser_;
+  std::span<std::int32_t> row_x_, row_y_, row_z_;  // of one picture row: the voxel each pixel's point lies in
+  std::uint64_t fused_frames_ = 0, reduced_frames_ = 0;
+  double reduction_sum_ = 0;
+};
+
+}  // namespace stillmap
