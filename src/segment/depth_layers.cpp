@@ -12,59 +12,81 @@ constexpr int kSamplesAcross = 4;
 constexpr int kSamples = kSamplesAcross * kSamplesAcross;
 /// A surface of fewer samples is noise: flying pixels on a depth edge come alone.
 constexpr int kMinSamples = 2;
+constexpr double kReliefMm = 30, kReliefShare = 0.01, kNoiseSigmas = 3;
 
-/// Readings of one cell in mm, in rising order.
-int sorted_samples(ImageView<const std::uint16_t> depth, const CameraModel& camera, int x_px, int y_px, int cell_px,
-                   std::array<std::uint16_t, kSamples>& out) {
-  int count = 0;
-  for (int j = 0; j < kSamplesAcross; ++j) {
-    const int y = y_px + (2 * j + 1) * cell_px / (2 * kSamplesAcross);
-    for (int i = 0; i < kSamplesAcross; ++i) {
-      const int x = x_px + (2 * i + 1) * cell_px / (2 * kSamplesAcross);
-      if (!depth.contains(x, y)) continue;
-      const double z_m = camera.depth_m(depth.at(x, y));
-      if (z_m <= 0) continue;
-      const auto mm = static_cast<std::uint16_t>(std::min(z_m * 1000, 65535.0));
-      int place = count++;
-      for (; place > 0 && out[static_cast<std::size_t>(place - 1)] > mm; --place) {
-        out[static_cast<std::size_t>(place)] = out[static_cast<std::size_t>(place - 1)];
-      }
-      out[static_cast<std::size_t>(place)] = mm;
-    }
-  }
-  return count;
+int cells_across(int px, int cell_px) {
+  return (px + cell_px - 1) / cell_px;
 }
+
+/// Trusted readings of one cell in mm, in rising order.
+struct Samples {
+  std::array<int, kSamples> mm;
+  int count = 0;
+  int at(int i) const { return mm[static_cast<std::size_t>(i)]; }
+  void insert(int value) {
+    int place = count++;
+    for (; place > 0 && at(place - 1) > value; --place) mm[static_cast<std::size_t>(place)] = at(place - 1);
+    mm[static_cast<std::size_t>(place)] = value;
+  }
+};
 
 }  // namespace
 
-int surface_gap_mm(const CameraModel& camera, int depth_mm) {
-  const double z_m = depth_mm * 1e-3;
-  return static_cast<int>(1000 * (0.06 + 0.02 * z_m + 3 * camera.depth_sigma_m(z_m)));
+DepthLayers::DepthLayers(const CameraModel& camera) {
+  cell_px_ = std::max({1, cells_across(camera.width, DynamicMask::kMaxColumns),
+                       cells_across(camera.height, DynamicMask::kMaxRows)});
+  columns_ = cells_across(camera.width, cell_px_);
+  rows_ = cells_across(camera.height, cell_px_);
+  for (std::size_t i = 0; i < gaps_mm_.size(); ++i) {
+    const double z_mm = static_cast<double>(i) * kGapStepMm;
+    const double gap =
+        kReliefMm + kReliefShare * z_mm + 1000 * kNoiseSigmas * camera.depth_sigma_m(z_mm / 1000);
+    gaps_mm_[i] = static_cast<std::uint16_t>(std::min(gap, 65535.0));
+  }
 }
 
-void set_grid(int width_px, int height_px, DepthLayers& out) {
-  const auto cells_of = [](int px, int cell) { return (px + cell - 1) / cell; };
-  out.cell_px = std::max({1, cells_of(width_px, DynamicMask::kMaxColumns), cells_of(height_px, DynamicMask::kMaxRows)});
-  out.columns = cells_of(width_px, out.cell_px);
-  out.rows = cells_of(height_px, out.cell_px);
-}
-
-void read_layers(ImageView<const std::uint16_t> depth, const CameraModel& camera, CellRect where, DepthLayers& out) {
-  std::array<std::uint16_t, kSamples> samples;
+void DepthLayers::read(ImageView<const std::uint16_t> depth, const CameraModel& camera, CellRect where) {
+  const auto mm_per_unit = static_cast<float>(1000 / camera.depth_units_per_m);
+  const auto min_mm = static_cast<float>(1000 * camera.depth_min_m);
+  const auto max_mm = static_cast<float>(std::min(1000 * camera.depth_max_m, 65535.0));
   for (int row = where.y0; row < where.y1; ++row) {
     for (int column = where.x0; column < where.x1; ++column) {
-      auto& layers = out.cells[static_cast<std::size_t>(row * out.columns + column)];
-      layers = {};
-      const int count = sorted_samples(depth, camera, column * out.cell_px, row * out.cell_px, out.cell_px, samples);
+      Samples samples;
+      for (int j = 0; j < kSamplesAcross; ++j) {
+        const int y = row * cell_px_ + (2 * j + 1) * cell_px_ / (2 * kSamplesAcross);
+        for (int i = 0; i < kSamplesAcross; ++i) {
+          const int x = column * cell_px_ + (2 * i + 1) * cell_px_ / (2 * kSamplesAcross);
+          if (!depth.contains(x, y)) continue;
+          const float mm = static_cast<float>(depth.at(x, y)) * mm_per_unit;
+          if (mm > 0 && mm >= min_mm && mm <= max_mm) samples.insert(static_cast<int>(mm));
+        }
+      }
+      Cell& cell = cells_[index(column, row)];
+      cell = {};
       std::size_t layer = 0;
-      for (int begin = 0, end = 1; begin < count && layer < layers.size(); begin = end++) {
-        const auto value = [&](int i) { return samples[static_cast<std::size_t>(i)]; };
-        while (end < count && value(end) - value(end - 1) <= surface_gap_mm(camera, value(end))) ++end;
+      for (int begin = 0, end = 1; begin < samples.count && layer < cell.size(); begin = end++) {
+        while (end < samples.count &&
+               samples.at(end) - samples.at(end - 1) <= surface_gap_mm(samples.at(end)))
+          ++end;
         if (end - begin < kMinSamples) continue;
-        layers[layer++] = {value(begin), value(end - 1), static_cast<std::uint8_t>(end - begin)};
+        cell[layer++] = {static_cast<std::uint16_t>(samples.at(begin)),
+                         static_cast<std::uint16_t>(samples.at(end - 1)),
+                         static_cast<std::uint16_t>(end - begin)};
       }
     }
   }
+}
+
+BoxCells DepthLayers::cells_of(const Box& box, double beyond_px) const {
+  const auto cells = [this](double grow_px, const Box& b) {
+    const auto clip = [this](double px, int limit) {
+      return static_cast<int>(std::clamp(px / cell_px_, 0.0, static_cast<double>(limit)));
+    };
+    return CellRect{clip(std::floor(b.x0 - grow_px), columns_), clip(std::floor(b.y0 - grow_px), rows_),
+                    clip(std::ceil(b.x1 + grow_px) + cell_px_ - 1, columns_),
+                    clip(std::ceil(b.y1 + grow_px) + cell_px_ - 1, rows_)};
+  };
+  return {cells(0, box), cells(std::max<double>(beyond_px, cell_px_), box)};
 }
 
 }  // namespace stillmap

@@ -46,13 +46,14 @@ Detections true_boxes(const test::Image<std::uint8_t>& mask) {
   return boxes;
 }
 
-/// Pixels with depth: of walkers, of background in the boxes, and of background outside; and those called Dynamic.
+/// Pixels with depth: of walkers, of background in the boxes, and of background outside; and those called
+/// Dynamic.
 struct Tally {
   double walker = 0, walker_found = 0, inside = 0, inside_wrong = 0, outside = 0, outside_wrong = 0;
 };
 
-void count(const DynamicMask& mask, const test::Image<std::uint8_t>& truth, const test::Image<std::uint16_t>& depth,
-           const CameraModel& camera, Tally& t) {
+void count(const DynamicMask& mask, const test::Image<std::uint8_t>& truth,
+           const test::Image<std::uint16_t>& depth, const CameraModel& camera, Tally& t) {
   for (int y = 0; y < truth.height; ++y) {
     for (int x = 0; x < truth.width; ++x) {
       const double z_m = camera.depth_m(depth.view().at(x, y));
@@ -96,12 +97,15 @@ TEST(SegmentWalkers, FindsThePeopleAndKeepsTheRoom) {
     if (getenv("DBG"))
       std::printf("%s  boxes %zu walker %6.0f found %.3f  inside %6.0f wrong %.3f  outside wrong %.4f\n",
                   files.colour.stem().c_str(), boxes.items.size(), one.walker, one.walker_found / one.walker,
-                  one.inside, one.inside_wrong / std::max(1.0, one.inside), one.outside_wrong / std::max(1.0,one.outside));
+                  one.inside, one.inside_wrong / std::max(1.0, one.inside),
+                  one.outside_wrong / std::max(1.0, one.outside));
   }
   std::sort(times_ms.begin(), times_ms.end());
-  std::printf("%zu frames: walkers found %.4f, background in boxes taken %.4f, beyond %.5f; median %.3f ms, max %.3f\n",
-              times_ms.size(), total.walker_found / total.walker, total.inside_wrong / total.inside,
-              total.outside_wrong / total.outside, times_ms[times_ms.size() / 2], times_ms.back());
+  std::printf(
+      "%zu frames: walkers found %.4f, background in boxes taken %.4f, beyond %.5f; median %.3f ms, max "
+      "%.3f\n",
+      times_ms.size(), total.walker_found / total.walker, total.inside_wrong / total.inside,
+      total.outside_wrong / total.outside, times_ms[times_ms.size() / 2], times_ms.back());
   EXPECT_GT(total.walker_found / total.walker, 0.9);
   EXPECT_LT(total.inside_wrong / total.inside, 0.2);
 }

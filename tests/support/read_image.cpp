@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/support/read_image.h"
 
+#include <jpeglib.h>
+#include <spng.h>
+
 #include <csetjmp>
 #include <cstdio>  // jpeglib.h wants FILE declared before it
 #include <fstream>
@@ -8,9 +11,6 @@
 #include <memory>
 #include <sstream>
 #include <utility>
-
-#include <jpeglib.h>
-#include <spng.h>
 
 namespace stillmap::test {
 
@@ -97,7 +97,8 @@ std::vector<RgbdFiles> list_rgbd(const std::filesystem::path& folder) {
   while (std::getline(in, line)) {
     std::istringstream words(line);
     if (line.empty() || line[0] == '#') continue;
-    if (words >> colour_stamp >> colour >> depth_stamp >> depth) files.push_back({folder / colour, folder / depth});
+    if (words >> colour_stamp >> colour >> depth_stamp >> depth)
+      files.push_back({folder / colour, folder / depth});
   }
   return files;
 }
