@@ -7,7 +7,8 @@
 
 namespace stillmap::test {
 
-/// The folder with recorded logs and models that tests use and the project does not ship: $STILLMAP_SHARED, or
+/// The folder with recorded logs and models that tests use and the project does not ship: $STILLMAP_SHARED,
+/// or
 /// `../shared` beside the source tree. Empty where it is missing: such a test is skipped with a clear word.
 inline std::filesystem::path shared_folder() {
   const char* given = std::getenv("STILLMAP_SHARED");
@@ -17,5 +18,6 @@ inline std::filesystem::path shared_folder() {
 
 }  // namespace stillmap::test
 
-#define STILLMAP_NEEDS_SHARED() \
-  if (::stillmap::test::shared_folder().empty()) GTEST_SKIP() << "needs the shared data folder (STILLMAP_SHARED)"
+#define STILLMAP_NEEDS_SHARED()                  \
+  if (::stillmap::test::shared_folder().empty()) \
+  GTEST_SKIP() << "needs the shared data folder (STILLMAP_SHARED)"

@@ -1,0 +1,97 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <array>
+#include <cinttypes>
+#include <cstdio>
+#include <fstream>
+#include <string>
+
+#include "tests/support/synthetic_log/image_files.h"
+#include "tests/support/synthetic_log/synthetic_log.h"
+
+namespace stillmap::synthetic {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+Error cannot_write(const fs::path& what) {
+  return {ExitCode::RunFailed,
+          "cannot write " + what.string() + ": give --out a folder with free space that you may write to"};
+}
+
+std::string stamp_text(Nanoseconds stamp_ns) {
+  std::array<char, 40> text{};
+  std::snprintf(text.data(), text.size(), "%" PRId64 ".%06" PRId64, stamp_ns / 1'000'000'000,
+                stamp_ns % 1'000'000'000 / 1000);
+  return text.data();
+}
+
+std::string pose_text(const Pose& T) {
+  const Quaternion q = quaternion_from(T.R);
+  std::array<char, 200> text{};
+  std::snprintf(text.data(), text.size(), "%.7f %.7f %.7f %.8f %.8f %.8f %.8f", T.t.x, T.t.y, T.t.z, q.x, q.y,
+                q.z, q.w);
+  return text.data();
+}
+
+bool write_text(const fs::path& file, const std::string& text) {
+  std::ofstream out(file, std::ios::binary);
+  out << text;
+  out.flush();
+  return out.good();
+}
+
+std::string ground_truth(const SyntheticLog& log) {
+  constexpr Nanoseconds kStep_ns = 10'000'000;
+  std::string text =
+      "# ground truth trajectory of a synthetic log, camera to world (z up)\n# timestamp tx ty tz qx qy qz "
+      "qw\n";
+  const Nanoseconds last_ns = log.stamp_ns(log.options().frames) + kStep_ns;
+  for (Nanoseconds t = log.stamp_ns(0) - kStep_ns; t <= last_ns; t += kStep_ns) {
+    text += stamp_text(t) + " " + pose_text(log.T_world_camera(t)) + "\n";
+  }
+  return text;
+}
+
+}  // namespace
+
+Status write_synthetic_log(const SyntheticOptions& options, const fs::path& folder) {
+  std::error_code error;
+  for (const char* part : {"rgb", "depth", "mask"}) fs::create_directories(folder / part, error);
+  if (error) return cannot_write(folder);
+  if (!fs::is_empty(folder / "rgb", error)) {
+    return Error{ExitCode::WrongConfig, folder.string() + " holds a log already: give --out a new folder"};
+  }
+
+  SyntheticLog log(options);
+  const CameraModel camera = SyntheticLog::camera();
+  std::string rgb = "# color images\n# timestamp filename\n", depth = "# depth maps\n# timestamp filename\n",
+              associations;
+  SyntheticFrame frame;
+  for (int i = 0; i < options.frames; ++i) {
+    log.render(i, frame);
+    const std::string stamp = stamp_text(frame.stamp_ns);
+    const std::string rgb_file = "rgb/" + stamp + ".jpg", depth_file = "depth/" + stamp + ".png";
+    const auto view = [&](const auto& pixels) {
+      return ImageView<const std::decay_t<decltype(pixels[0])>>{pixels.data(), camera.width, camera.height,
+                                                                camera.width};
+    };
+    if (!write_jpeg(folder / rgb_file, view(frame.colour), 94)) return cannot_write(folder / rgb_file);
+    if (!write_png_grey16(folder / depth_file, view(frame.depth))) return cannot_write(folder / depth_file);
+    const fs::path mask_file = folder / "mask" / (stamp + ".png");
+    if (!write_png_grey8(mask_file, view(frame.mask))) return cannot_write(mask_file);
+    rgb += stamp + " " + rgb_file + "\n";
+    depth += stamp + " " + depth_file + "\n";
+    associations += stamp + " " + rgb_file + " " + stamp + " " + depth_file + "\n";
+  }
+  const std::array<std::pair<const char*, std::string>, 4> texts{{{"rgb.txt", rgb},
+                                                                  {"depth.txt", depth},
+                                                                  {"associations.txt", associations},
+                                                                  {"groundtruth.txt", ground_truth(log)}}};
+  for (const auto& [name, text] : texts) {
+    if (!write_text(folder / name, text)) return cannot_write(folder / name);
+  }
+  return {};
+}
+
+}  // namespace stillmap::synthetic
