@@ -75,7 +75,7 @@ Pose CameraPath::T_world_camera(double t_s) const {
                 0.06 * sway(kTiltZ, t_s, 0.1)};
   if (kind_ == PathKind::Rotate) {
     tilt_rad =
-        tilt_rad + Vec3{0.35 * sway(kPitch, t_s, 0), 1.3 * sway(kYaw, t_s, 0), 0.6 * sway(kRoll, t_s, 0)};
+        tilt_rad + Vec3{0.25 * sway(kPitch, t_s, 0), 0.8 * sway(kYaw, t_s, 0), 0.45 * sway(kRoll, t_s, 0)};
   }
   return {level * exp_so3(tilt_rad), at};
 }

@@ -139,11 +139,6 @@ float RayCaster::intersect(const Seen& s, F3 d) {
   return nearest;
 }
 
-RayCaster::F3 RayCaster::direction(const Seen& s, float x, float y) {
-  return {x * s.dx.x + y * s.dy.x + s.dz.x, x * s.dx.y + y * s.dy.y + s.dz.y,
-          x * s.dx.z + y * s.dy.z + s.dz.z};
-}
-
 RayCaster::Hit RayCaster::trace(std::span<const std::uint16_t> candidates, float x, float y) const {
   Hit hit{kNone, nullptr};
   for (std::uint16_t i : candidates) {

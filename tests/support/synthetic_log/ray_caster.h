@@ -58,7 +58,10 @@ class RayCaster {
   static float intersect(const Seen& seen, F3 d);
   Hit trace(std::span<const std::uint16_t> candidates, float x, float y) const;
   Skin skin_of_room(F3 world) const;
-  static F3 direction(const Seen& seen, float x, float y);
+  static F3 direction(const Seen& s, float x, float y) {
+    return {x * s.dx.x + y * s.dy.x + s.dz.x, x * s.dx.y + y * s.dy.y + s.dz.y,
+            x * s.dx.z + y * s.dy.z + s.dz.z};
+  }
   Skin skin_of_box(const Seen& seen, F3 q) const;
   Skin skin_of_round(const Seen& seen, F3 q) const;
   Skin skin(const Hit& hit, float x, float y, F3 world) const;

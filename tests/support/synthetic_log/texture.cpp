@@ -17,13 +17,6 @@ Rgb unpacked(std::uint32_t c) {
   return {static_cast<int>(c & 255), static_cast<int>((c >> 8) & 255), static_cast<int>((c >> 16) & 255)};
 }
 
-/// All three bytes of a towards b by weight 0..256, two bytes per multiplication.
-std::uint32_t blend(std::uint32_t a, std::uint32_t b, std::uint32_t weight) {
-  const std::uint32_t rb = ((a & 0xff00ff) * (256 - weight) + (b & 0xff00ff) * weight) >> 8;
-  const std::uint32_t g = ((a & 0x00ff00) * (256 - weight) + (b & 0x00ff00) * weight) >> 8;
-  return (rb & 0xff00ff) | (g & 0x00ff00);
-}
-
 /// Noise in [-1, 1] that changes smoothly over `cell` texels and repeats with the texture.
 class SmoothNoise {
  public:
@@ -135,22 +128,6 @@ void Texture::finish() {
     }
     levels_.push_back(std::move(to));
   }
-}
-
-std::uint32_t Texture::sample(float u, float v, int level) const {
-  const auto last = static_cast<int>(levels_.size()) - 1;
-  const int l = level < 0 ? 0 : level > last ? last : level;
-  const Level& from = levels_[static_cast<std::size_t>(l)];
-  // Fixed point with 8 bits of fraction; the offset keeps it positive, so that a cast is a floor.
-  const float scale = 256.0f / static_cast<float>(1 << l);
-  const auto x = static_cast<std::int32_t>(u * scale) + (1 << 28) - 128;
-  const auto y = static_cast<std::int32_t>(v * scale) + (1 << 28) - 128;
-  const int x_mask = from.width - 1, y_mask = from.height - 1;
-  const int x0 = (x >> 8) & x_mask, x1 = ((x >> 8) + 1) & x_mask;
-  const std::uint32_t* top = from.texels.data() + ((y >> 8) & y_mask) * from.width;
-  const std::uint32_t* bottom = from.texels.data() + (((y >> 8) + 1) & y_mask) * from.width;
-  const auto wx = static_cast<std::uint32_t>(x & 255), wy = static_cast<std::uint32_t>(y & 255);
-  return blend(blend(top[x0], top[x1], wx), blend(bottom[x0], bottom[x1], wx), wy);
 }
 
 }  // namespace stillmap::synthetic

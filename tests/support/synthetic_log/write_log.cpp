@@ -57,8 +57,10 @@ std::string ground_truth(const SyntheticLog& log) {
 
 Status write_synthetic_log(const SyntheticOptions& options, const fs::path& folder) {
   std::error_code error;
-  for (const char* part : {"rgb", "depth", "mask"}) fs::create_directories(folder / part, error);
-  if (error) return cannot_write(folder);
+  for (const char* part : {"rgb", "depth", "mask"}) {
+    fs::create_directories(folder / part, error);
+    if (error) return cannot_write(folder / part);
+  }
   if (!fs::is_empty(folder / "rgb", error)) {
     return Error{ExitCode::WrongConfig, folder.string() + " holds a log already: give --out a new folder"};
   }
