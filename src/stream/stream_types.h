@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "core/cloud_point.h"
 #include "core/geometry.h"
 #include "core/time.h"
 
@@ -16,14 +17,6 @@ struct StreamPose {
   Nanoseconds stamp_ns = 0;
   Pose T_map_odom, T_odom_base, T_base_camera;
 };
-
-/// One point of the map on the wire, as it lies in memory: position in the map frame in metres, colour
-/// 0..255.
-struct CloudPoint {
-  float x = 0, y = 0, z = 0;
-  std::uint8_t r = 0, g = 0, b = 0, a = 255;
-};
-static_assert(sizeof(CloudPoint) == 16);
 
 /// The most points that one cloud holds; a bigger map is coarsened by its owner.
 constexpr std::size_t kMaxCloudPoints = 200'000;
