@@ -23,45 +23,54 @@ U8x16 load(const std::uint8_t* p) {
   return v;
 }
 
-/// Non-zero where a pixel may be a corner: nine of sixteen in a row always cover two neighbouring compass points.
-U8x16 may_be_corner(const std::uint8_t* p, const Offsets& o, std::uint8_t threshold) {
+U8x16 select(U8x16 mask, U8x16 value) { return mask & value; }
+U8x16 larger(U8x16 a, U8x16 b) {
+  const auto mask = reinterpret_cast<U8x16>(a > b);
+  return (a & mask) | (b & ~mask);
+}
+bool any(U8x16 v) {
+  std::array<std::uint64_t, 2> halves;
+  std::memcpy(halves.data(), &v, sizeof halves);
+  return (halves[0] | halves[1]) != 0;
+}
+
+/// Non-zero where nine pixels in a row of the circle are all brighter, or all darker, by more than the threshold.
+U8x16 corner_mask(const std::uint8_t* p, const Offsets& o, std::uint8_t threshold) {
   const U8x16 centre = load(p), t = U8x16{} + threshold;
   U8x16 high = centre + t, low = centre - t;
   high |= reinterpret_cast<U8x16>(high < centre);  // saturate
   low &= reinterpret_cast<U8x16>(low <= centre);
+  // Nine in a row always cover two neighbouring compass points, which rejects most pixels at once.
   const U8x16 n = load(p + o[0]), e = load(p + o[4]), s = load(p + o[8]), w = load(p + o[12]);
   const auto bright = ((n > high) | (s > high)) & ((e > high) | (w > high));
   const auto dark = ((n < low) | (s < low)) & ((e < low) | (w < low));
-  return reinterpret_cast<U8x16>(bright | dark);
+  if (!any(reinterpret_cast<U8x16>(bright | dark))) return U8x16{};
+  U8x16 bright_run{}, dark_run{}, longest{};
+  for (std::size_t i = 0; i < 16 + 8; ++i) {
+    const U8x16 q = load(p + o[i % 16]);
+    bright_run = select(reinterpret_cast<U8x16>(q > high), bright_run + 1);
+    dark_run = select(reinterpret_cast<U8x16>(q < low), dark_run + 1);
+    longest = larger(longest, larger(bright_run, dark_run));
+  }
+  return reinterpret_cast<U8x16>(longest > 8);
 }
 
-bool nine_in_a_row(std::uint32_t bits) {
-  const std::uint32_t ring = bits | bits << 16;
-  std::uint32_t run = ring & ring >> 1;
-  run &= run >> 2;
-  run &= run >> 4;
-  return (run & ring >> 8 & 0xffff) != 0;
-}
-
-/// The largest threshold that keeps the corner, or 0 where `threshold` does not.
-int corner_score(const std::uint8_t* p, const Offsets& o, int threshold) {
-  std::array<int, 25> difference;
-  std::uint32_t bright = 0, dark = 0;
-  for (std::size_t i = 0; i < 16; ++i) {
-    difference[i] = p[o[i]] - p[0];
-    bright |= static_cast<std::uint32_t>(difference[i] > threshold) << i;
-    dark |= static_cast<std::uint32_t>(difference[i] < -threshold) << i;
-  }
-  const bool is_bright = nine_in_a_row(bright);
-  if (!is_bright && !nine_in_a_row(dark)) return 0;
-  if (!is_bright) {
-    for (std::size_t i = 0; i < 16; ++i) difference[i] = -difference[i];
-  }
-  std::copy_n(difference.begin(), 9, difference.begin() + 16);
+/// The largest threshold that keeps a corner one.
+int corner_score(const std::uint8_t* p, const Offsets& o) {
+  std::array<int, 24> d;
+  for (std::size_t i = 0; i < 16; ++i) d[i] = p[o[i]] - p[0];
+  std::copy_n(d.begin(), 8, d.begin() + 16);
+  // Of every nine in a row the weakest counts, and of all rows the strongest. Rows of nine that begin at i and i + 1
+  // share the eight between them.
   int best = 0;
-  for (std::size_t start = 0; start < 16; ++start) {
-    const auto first = difference.begin() + static_cast<std::ptrdiff_t>(start);
-    best = std::max(best, *std::min_element(first, first + 9));
+  for (std::size_t i = 0; i < 16; i += 2) {
+    int least = d[i + 1], most = d[i + 1];
+    for (std::size_t k = i + 2; k <= i + 8; ++k) {
+      least = std::min(least, d[k]);
+      most = std::max(most, d[k]);
+    }
+    best = std::max({best, std::min(least, d[i]), std::min(least, d[(i + 9) % 16]), -std::max(most, d[i]),
+                     -std::max(most, d[(i + 9) % 16])});
   }
   return best - 1;
 }
@@ -75,30 +84,27 @@ void fast_corners(ImageView<const std::uint8_t> image, int x0, int y0, int x1, i
   STILLMAP_CHECK(x1 - x0 <= kMaxWidth);
   // Scores of three rows, with a border of zeros: suppression looks at the row above once the one below is known.
   std::array<std::array<std::uint8_t, kMaxWidth + 2>, 3> scores{};
-  std::array<bool, 3> any{};
+  std::array<bool, 3> row_has_corner{};
   for (int y = y0; y <= y1; ++y) {
     auto& row_scores = scores[static_cast<std::size_t>(y % 3)];
-    bool& row_any = any[static_cast<std::size_t>(y % 3)];
+    bool& row_any = row_has_corner[static_cast<std::size_t>(y % 3)];
     row_scores.fill(0);
     row_any = false;
     for (int x = x0; y < y1 && x < x1; x += 16) {
       // The last group may look at pixels beyond x1: inside the picture's rows, and their verdict is not used.
       const std::uint8_t* p = image.row(y) + x;
-      const U8x16 candidates = may_be_corner(p, offsets, static_cast<std::uint8_t>(threshold));
-      std::array<std::uint64_t, 2> halves;
-      std::memcpy(halves.data(), &candidates, sizeof halves);
-      if ((halves[0] | halves[1]) == 0) continue;
+      const U8x16 corners = corner_mask(p, offsets, static_cast<std::uint8_t>(threshold));
+      if (!any(corners)) continue;
       for (int i = 0; i < 16 && x + i < x1; ++i) {
-        if (candidates[i] == 0) continue;
-        const int score = corner_score(p + i, offsets, threshold);
-        row_scores[static_cast<std::size_t>(x + i - x0 + 1)] = static_cast<std::uint8_t>(score);
-        row_any |= score > 0;
+        if (corners[i] == 0) continue;
+        row_scores[static_cast<std::size_t>(x + i - x0 + 1)] = static_cast<std::uint8_t>(corner_score(p + i, offsets));
+        row_any = true;
       }
     }
     if (y == y0) continue;
     const auto& above = scores[static_cast<std::size_t>((y + 1) % 3)];  // y - 2
     const auto& here = scores[static_cast<std::size_t>((y + 2) % 3)];   // y - 1
-    if (!any[static_cast<std::size_t>((y + 2) % 3)]) continue;
+    if (!row_has_corner[static_cast<std::size_t>((y + 2) % 3)]) continue;
     for (int x = x0; x < x1; ++x) {
       const auto i = static_cast<std::size_t>(x - x0 + 1);
       const std::uint8_t s = here[i];
