@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "core/config.h"
+#include "core/detection.h"
+#include "core/frame_pool.h"
+#include "core/status.h"
+
+namespace stillmap {
+
+/// A NanoDet-Plus network that finds the objects of a colour picture. One thread at a time. OpenCV's dnn,
+/// which runs the network, takes heap memory for every picture; nothing else here does after open().
+class Detector {
+ public:
+  /// Loads the network and proves it on one blank picture of the camera's size, which also warms it up.
+  /// Errors: UnreadableInput where the file is no network that can be run, or not of this kind; WrongConfig
+  /// where `detector.input_*` is no multiple of 32 or the number of classes is not that of `classes.names`.
+  static Result<std::unique_ptr<Detector>> open(const Config& config, const std::string& model_path);
+  ~Detector();
+
+  /// The objects of `frame.colour`, which has the camera's size (checked), with the frame's sequence number
+  /// and colour stamp. False, with no objects, when the library failed.
+  [[nodiscard]] bool run(const FrameSlot& frame, Detections& out);
+
+  /// One line for people: file, input size, classes, library.
+  const std::string& describe() const;
+  /// One line that names every configured class that the model does not know; empty where there is none.
+  const std::string& class_warnings() const;
+
+ private:
+  struct Impl;
+  explicit Detector(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace stillmap

@@ -1,0 +1,120 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "detect/model_file.h"
+
+#include <openssl/evp.h>
+
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <cerrno>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
+#include <memory>
+#include <system_error>
+#include <vector>
+
+namespace stillmap {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* kMend = "fetch it with scripts/get_model.sh, or run with detector.model = \"none\"";
+
+std::vector<fs::path> model_folders() {
+  std::vector<fs::path> folders;
+  if (const char* given = std::getenv("STILLMAP_MODELS"); given != nullptr && *given != '\0')
+    folders.emplace_back(given);
+  folders.emplace_back("models");
+  std::error_code error;
+  if (const fs::path program = fs::read_symlink("/proc/self/exe", error); !error) {
+    folders.push_back((program.parent_path() / "../../../models").lexically_normal());
+    folders.push_back((program.parent_path() / "../share/stillmap/models").lexically_normal());
+  }
+  return folders;
+}
+
+Error unreadable(const std::string& path, const std::string& why) {
+  return {ExitCode::UnreadableInput, "detector.model: '" + path + "' " + why + "; " + kMend};
+}
+
+Result<std::string> sha256_of(const std::string& path) {
+  std::error_code error;
+  if (fs::is_directory(path, error)) return unreadable(path, "is a folder, not an ONNX file");
+  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(std::fopen(path.c_str(), "rb"), std::fclose);
+  if (file == nullptr) return unreadable(path, std::string("cannot be read (") + std::strerror(errno) + ")");
+  const std::unique_ptr<EVP_MD_CTX, void (*)(EVP_MD_CTX*)> digest(EVP_MD_CTX_new(), EVP_MD_CTX_free);
+  bool good = digest != nullptr && EVP_DigestInit_ex(digest.get(), EVP_sha256(), nullptr) == 1;
+  std::array<unsigned char, 65536> chunk;
+  while (good) {
+    const std::size_t count = std::fread(chunk.data(), 1, chunk.size(), file.get());
+    if (count == 0) break;
+    good = EVP_DigestUpdate(digest.get(), chunk.data(), count) == 1;
+  }
+  std::array<unsigned char, EVP_MAX_MD_SIZE> sum;
+  unsigned int length = 0;
+  if (!good || std::ferror(file.get()) != 0 || EVP_DigestFinal_ex(digest.get(), sum.data(), &length) != 1) {
+    return unreadable(path, "cannot be read to its end");
+  }
+  std::string hex;
+  for (std::size_t i = 0; i < length; ++i) {
+    constexpr const char* kDigits = "0123456789abcdef";
+    hex += kDigits[sum[i] >> 4];
+    hex += kDigits[sum[i] & 15];
+  }
+  return hex;
+}
+
+/// Lower case; empty where `text` is no SHA-256.
+std::string canonical(std::string text) {
+  const auto is_hex = [](unsigned char c) { return std::isxdigit(c) != 0; };
+  if (text.size() != 64 || !std::all_of(text.begin(), text.end(), is_hex)) return {};
+  std::transform(text.begin(), text.end(), text.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return text;
+}
+
+}  // namespace
+
+Result<ModelFile> find_model(const Config::Detector& detector) {
+  if (detector.model == "none") return ModelFile{};
+  const std::string expected = canonical(detector.sha256);
+  if (!detector.sha256.empty() && expected.empty()) {
+    return Error{ExitCode::WrongConfig,
+                 "detector.sha256: '" + detector.sha256 +
+                     "' is not a SHA-256; expected 64 hex digits, or \"\" for no check"};
+  }
+  const bool is_auto = detector.model == "auto";
+  ModelFile model;
+  if (is_auto) {
+    std::string searched;
+    for (const fs::path& folder : model_folders()) {
+      std::error_code error;
+      if (fs::exists(folder / kDefaultModelName, error)) {
+        model.path = folder / kDefaultModelName;
+        break;
+      }
+      searched += (searched.empty() ? "" : ", ") + folder.string();
+    }
+    if (model.path.empty()) {
+      model.warning = std::string("no detector: ") + kDefaultModelName + " is in none of " + searched +
+                      "; moving people will not be recognised; " + kMend;
+      return model;
+    }
+  } else {
+    model.path = detector.model;
+  }
+  Result<std::string> found = sha256_of(model.path);
+  if (!found.ok()) return found.error();
+  model.sha256 = found.value();
+  const std::string wanted = expected.empty() && is_auto ? kDefaultModelSha256 : expected;
+  if (!wanted.empty() && wanted != model.sha256) {
+    return unreadable(model.path,
+                      "is not the expected file: SHA-256 expected " + wanted + ", found " + model.sha256);
+  }
+  return model;
+}
+
+}  // namespace stillmap
