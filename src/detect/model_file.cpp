@@ -40,7 +40,17 @@ Error unreadable(const std::string& path, const std::string& why) {
   return {ExitCode::UnreadableInput, "detector.model: '" + path + "' " + why + "; " + kMend};
 }
 
-Result<std::string> sha256_of(const std::string& path) {
+std::string hexadecimal(std::span<const unsigned char> bytes) {
+  constexpr const char* kDigits = "0123456789abcdef";
+  std::string hex;
+  for (const unsigned char byte : bytes) {
+    hex += kDigits[byte >> 4];
+    hex += kDigits[byte & 15];
+  }
+  return hex;
+}
+
+Result<std::string> sha256_of_file(const std::string& path) {
   std::error_code error;
   if (fs::is_directory(path, error)) return unreadable(path, "is a folder, not an ONNX file");
   const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(std::fopen(path.c_str(), "rb"), std::fclose);
@@ -58,13 +68,7 @@ Result<std::string> sha256_of(const std::string& path) {
   if (!good || std::ferror(file.get()) != 0 || EVP_DigestFinal_ex(digest.get(), sum.data(), &length) != 1) {
     return unreadable(path, "cannot be read to its end");
   }
-  std::string hex;
-  for (std::size_t i = 0; i < length; ++i) {
-    constexpr const char* kDigits = "0123456789abcdef";
-    hex += kDigits[sum[i] >> 4];
-    hex += kDigits[sum[i] & 15];
-  }
-  return hex;
+  return hexadecimal({sum.data(), length});
 }
 
 /// Lower case; empty where `text` is no SHA-256.
@@ -106,7 +110,7 @@ Result<ModelFile> find_model(const Config::Detector& detector) {
   } else {
     model.path = detector.model;
   }
-  Result<std::string> found = sha256_of(model.path);
+  Result<std::string> found = sha256_of_file(model.path);
   if (!found.ok()) return found.error();
   model.sha256 = found.value();
   const std::string wanted = expected.empty() && is_auto ? kDefaultModelSha256 : expected;
@@ -115,6 +119,13 @@ Result<ModelFile> find_model(const Config::Detector& detector) {
                       "is not the expected file: SHA-256 expected " + wanted + ", found " + model.sha256);
   }
   return model;
+}
+
+std::string sha256_of(std::string_view bytes) {
+  std::array<unsigned char, EVP_MAX_MD_SIZE> sum;
+  unsigned int length = 0;
+  if (EVP_Digest(bytes.data(), bytes.size(), sum.data(), &length, EVP_sha256(), nullptr) != 1) return {};
+  return hexadecimal({sum.data(), length});
 }
 
 }  // namespace stillmap

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <string>
+#include <string_view>
 
 #include "core/config.h"
 #include "core/status.h"
@@ -26,5 +27,8 @@ struct ModelFile {
 /// `detector.sha256`, or with kDefaultModelSha256 for "auto" without one. Errors: UnreadableInput where the
 /// file cannot be read or is not the expected one, WrongConfig where the expected checksum is none.
 Result<ModelFile> find_model(const Config::Detector& detector);
+
+/// SHA-256 of some bytes, 64 hex digits.
+std::string sha256_of(std::string_view bytes);
 
 }  // namespace stillmap

@@ -135,8 +135,10 @@ Status run(const RunOptions& options) {
     if (!opened.ok()) return opened.error();
     detector = std::move(opened.value());
     if (!detector->class_warnings().empty()) spdlog::warn("{}", detector->class_warnings());
+  } else if (!model.value().warning.empty()) {
+    spdlog::warn("{}", model.value().warning);
   } else {
-    spdlog::warn("{}", model.value().note);
+    spdlog::warn("detector.model is \"none\": nothing that moves is recognised by what it is");
   }
 
   const Stages::Parts parts{.detector = detector != nullptr,
@@ -155,20 +157,20 @@ Status run(const RunOptions& options) {
 
   stop_requested.store(false);
   handle_signals();
-  const auto context = std::make_unique<RunContext>(RunContext{
-      .config = config, .options = options, .driver = *source.value().driver, .detector = detector.get(), .stages = *stages, .stop = stop_requested});
+  const auto context = std::make_unique<RunContext>(config, options, *source.value().driver, detector.get(), *stages, stop_requested);
   constexpr std::size_t kPosesOfACamera = 200'000;
   context->track_log.causal.reserve(source.value().stamps.empty() ? kPosesOfACamera : source.value().stamps.size());
   if (Status s = source.value().driver->start(); !s.ok()) return s;
 
-  ReportFacts facts{.source = options.source,
-                    .config_sha256 = sha256_of(config_text(loaded.value())),
-                    .model = model.value().path.empty() ? "none" : model.value().path,
-                    .model_sha256 = model.value().sha256,
-                    .planned_bytes = arena.bytes_planned(),
-                    .rss_start_kb = resident_kb(),
-                    .process_start_ns = process_start_ns,
-                    .run_start_ns = monotonic_now()};
+  ReportFacts facts;
+  facts.source = options.source;
+  facts.config_sha256 = sha256_of(config_text(loaded.value()));
+  facts.model = model.value().path.empty() ? "none" : model.value().path;
+  facts.model_sha256 = model.value().sha256;
+  facts.planned_bytes = arena.bytes_planned();
+  facts.rss_start_kb = resident_kb();
+  facts.process_start_ns = process_start_ns;
+  facts.run_start_ns = monotonic_now();
   const double cpu_start_s = process_cpu_s();
   if (options.mode == RunMode::Lockstep) {
     run_lockstep(*context);
