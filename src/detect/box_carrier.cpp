@@ -13,6 +13,7 @@ constexpr double kUnknownDepth_m = 2.5;   // a box without readings is carried a
 constexpr double kSameObject_m = 0.8;     // two detections of a class nearer than this are one object
 constexpr double kFastest_m_s = 2.5;      // a quick walk
 constexpr double kGrowth_per_s = 0.4;     // of the box's size, for what the velocity does not know
+constexpr int kMostMisses = 2;
 constexpr double kLongestCoast_s = 0.35;  // the velocity is trusted this long
 
 double depth_or_guess(const Detection& d) { return d.depth_m > 0 ? d.depth_m : kUnknownDepth_m; }
@@ -93,6 +94,9 @@ void BoxCarrier::update(const Detections& fresh, const Pose& T_odom_camera) {
     }
     *before = track;
   }
+  for (Track& t : tracks_) t.misses = t.matched ? 0 : t.misses + 1;
+  const auto gone = [](const Track& t) { return t.misses > kMostMisses; };
+  tracks_.truncate(static_cast<std::size_t>(std::remove_if(tracks_.begin(), tracks_.end(), gone) - tracks_.begin()));
 }
 
 void BoxCarrier::carry(Nanoseconds stamp_ns, const Pose& T_odom_camera, Detections& out) {

@@ -19,14 +19,16 @@ void measure_depths(Detections& detections, ImageView<const std::uint16_t> depth
 /// misses now and then still gives boxes for every frame.
 ///
 /// A box is held as a rectangle in space, at the depth of its object, with a velocity from the detections before it;
-/// carrying projects it into the current camera. One that the detector no longer confirms coasts for
-/// `detector.max_age_ms` after it was last seen. Used by the tracker's thread; no heap.
+/// carrying projects it into the current camera. A detector that misses an object once or twice does not end it, nor
+/// does one that says nothing for up to `detector.max_age_ms`. Used by the tracker's thread; no heap.
 class BoxCarrier {
  public:
   BoxCarrier(const CameraModel& camera, Nanoseconds max_age_ns) : camera_(camera), max_age_ns_(max_age_ns) {}
 
   /// Takes in a detector's word on one frame whose pose was `T_odom_camera`.
   void update(const Detections& fresh, const Pose& T_odom_camera);
+  /// Forgets every box, for when the camera's place is lost: nothing can be carried then.
+  void clear() { tracks_.clear(); }
   /// The boxes as they are on the frame at `stamp_ns`, seen from `T_odom_camera`. Boxes of that very frame come back as
   /// they were found; others grow a little with their age.
   void carry(Nanoseconds stamp_ns, const Pose& T_odom_camera, Detections& out);
@@ -39,6 +41,7 @@ class BoxCarrier {
     Nanoseconds seen_ns = 0;
     bool has_velocity = false;
     bool matched = false;
+    int misses = 0;  // how often the detector has looked since and not found it
   };
   Track track_of(const Detection& d, Nanoseconds stamp_ns, const Pose& T_odom_camera) const;
   Track* nearest(const Track& fresh);

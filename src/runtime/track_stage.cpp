@@ -35,6 +35,7 @@ const TrackingResult& TrackStage::step(const FrameSlot& frame) {
   (boxes_are_its_own_ ? box_supply_.fresh : carried_.items.empty() ? box_supply_.none : box_supply_.carried) += 1;
 
   result_ = tracker_.track(frame, mask_);
+  if (!result_.has_pose()) carrier_.clear();
   recent_[frame.sequence % recent_.size()] = {frame.sequence, result_.T_odom_camera};
   T_map_depth_ = result_.T_map_odom * tracker_.predict(frame.depth_ns);
   return result_;

@@ -21,6 +21,7 @@ struct MapPoint {
   double reference_distance_m = 0;  ///< from that camera
   std::uint8_t reference_octave = 0;
   bool alive = false;
+  bool suspect = false;  ///< found on something that may move; must prove that it stands still
   std::uint16_t visible = 0, found = 0;  ///< frames that should have seen it, frames that did
   std::uint32_t id = 0;                  ///< never used twice, so that a stale index is noticed
   std::uint32_t first_keyframe = 0;

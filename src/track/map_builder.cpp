@@ -42,6 +42,12 @@ double variance_along(const MapPoint& point, Vec3 direction) {
   return d.dot(information.inverse() * d);
 }
 
+bool MapBuilder::enters_map(const Feature& feature) const {
+  if (feature.depth_m <= 0) return false;
+  // Beyond the paper: what may move enters too, on probation. Someone who sits still is worth as much as a wall.
+  return feature.label == Label::Static || config_.dynamic_rule == DynamicRule::Silhouette;
+}
+
 MapPoint MapBuilder::new_point(const PosedFeatures& posed, std::size_t feature, const FeatureExtractor& extractor) const {
   const Feature& f = posed.frame.features[feature];
   MapPoint point;
@@ -76,9 +82,10 @@ Keyframe& MapBuilder::insert_keyframe(LocalMap& map, const PosedFeatures& posed,
       point.reference_distance_m = norm(to_camera);
       point.view_direction = 1 / point.reference_distance_m * to_camera;
       point.reference_octave = f.octave;
-    } else if (f.label == Label::Static && f.depth_m > 0) {
+    } else if (enters_map(f)) {
       MapPoint point = new_point(posed, i, extractor);
       point.first_keyframe = keyframe.id;
+      point.suspect = f.label != Label::Static;
       kept.point = map.add_point(point);
       match.slot = kept.point.slot;
     }

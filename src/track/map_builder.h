@@ -34,6 +34,7 @@ class MapBuilder {
   void cull_points(LocalMap& map) const;
 
  private:
+  bool enters_map(const Feature& feature) const;
   MapPoint new_point(const PosedFeatures& posed, std::size_t feature, const FeatureExtractor& extractor) const;
   Config::Track config_;
   CameraModel camera_;

@@ -53,7 +53,7 @@ struct NormalEquations {
 
   void add(const PoseObservation& o, const CameraModel& camera, const Residual& r, bool robust) {
     const double chi = std::sqrt(r.chi2()), limit = std::sqrt(limit_of(o));
-    const double weight = robust && chi > limit ? limit / chi : 1;  // Huber
+    const double weight = o.weight * (robust && chi > limit ? limit / chi : 1);  // Huber
     const Vec3 p = r.p_camera;
     const double iz = 1 / p.z, fx = camera.fx / o.sigma_px, fy = camera.fy / o.sigma_px;
     add_row(row_of({fx * iz, 0, -fx * p.x * iz * iz}, p), r.u, weight);
@@ -83,7 +83,7 @@ PoseEstimate solve_pose(std::span<PoseObservation> observations, const CameraMod
       equations = {};
       int used = 0;
       for (const PoseObservation& o : observations) {
-        if (!o.inlier) continue;
+        if (!o.inlier || o.weight <= 0) continue;
         const Residual r = residual_of(o, camera, T);
         if (!r.valid) continue;
         equations.add(o, camera, r, round < kRounds - 1);
@@ -102,7 +102,7 @@ PoseEstimate solve_pose(std::span<PoseObservation> observations, const CameraMod
     for (PoseObservation& o : observations) {
       const Residual r = residual_of(o, camera, T);
       o.inlier = r.valid && r.chi2() <= limit_of(o);
-      if (!o.inlier) continue;
+      if (!o.inlier || o.weight <= 0) continue;
       ++estimate.inliers;
       squared_px += (r.u * r.u + r.v * r.v) * o.sigma_px * o.sigma_px;
     }

@@ -16,7 +16,8 @@ struct PoseObservation {
   double sigma_px = 1;       ///< its localisation error, 1 sigma, at full resolution
   double depth_m = 0;        ///< its measured depth, 0 = none
   double sigma_depth_m = 0;  ///< 1 sigma of depth_m together with the map point's own
-  bool inlier = true;        ///< in: whether to start with it; out: whether it fits
+  double weight = 1;         ///< of its information; 0: only tested against the result
+  bool inlier = true;        ///< out: whether it fits
 };
 
 struct PoseEstimate {

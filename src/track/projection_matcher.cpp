@@ -57,7 +57,7 @@ int ProjectionMatcher::match(const LocalMap& map, const FrameFeatures& frame, co
     int best_octave = -1, second_octave = -1;
     grid.for_each_near(c.u, c.v, window.radius_px * extractor.scale(c.octave), [&](std::size_t i) {
       const Feature& f = frame.features[i];
-      if (!usable(f.label) || std::abs(f.octave - c.octave) > 1) return;
+      if (!(window.any_label || usable(f.label)) || std::abs(f.octave - c.octave) > 1) return;
       if (f.depth_m > 0 && std::abs(f.depth_m - c.z) > window.depth_share * c.z) return;
       const int distance = hamming(point.descriptor, frame.descriptors[i]);
       if (distance < best) {

@@ -23,6 +23,7 @@ struct FeatureMatch {
 struct SearchWindow {
   double radius_px = 8;         ///< at octave 0; grows with the octave's scale
   int max_distance = 64;        ///< Hamming, of 256
+  bool any_label = false;       ///< match Dynamic and Unknown features too
   double depth_share = 0.1;     ///< a feature whose depth differs by more than this share of it is another thing
 };
 

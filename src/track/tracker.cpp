@@ -18,6 +18,25 @@ constexpr int kKeyframesPerTry = 6;    // keyframes compared per lost frame
 // FAST corners are found to whole pixels of their octave.
 constexpr double kCornerSigma_px = 0.8;
 
+// A point is trusted in full after this many looks; before, it may sit on something that has only just come in.
+constexpr double kLooksToTrust = 6;
+constexpr double kLeastWeight = 0.15;
+// A suspect point has proved that it stands still after this many looks, if it was found in this share of them.
+constexpr int kLooksToProve = 12;
+constexpr double kFoundToProve = 0.7;
+// A point of the still world that was found this often vouches for a feature that the mask holds for a mover's.
+constexpr int kLooksToVouch = 4;
+constexpr double kVouchedWeight = 0.4;
+
+/// How much a match says about the camera (0: nothing, but the match is tested against the pose).
+double weight_of(const MapPoint& point, Label label) {
+  if (point.suspect) {
+    return point.found >= kLooksToProve && point.found >= kFoundToProve * point.visible ? kVouchedWeight : 0;
+  }
+  if (label == Label::Dynamic || label == Label::Unknown) return point.found >= kLooksToVouch ? kVouchedWeight : 0;
+  return std::clamp(point.found / kLooksToTrust, kLeastWeight, 1.0);
+}
+
 Pose mount_of(const Config& config) {
   if (!config.mount.T_base_camera) return {};
   const auto& m = *config.mount.T_base_camera;
@@ -130,7 +149,9 @@ bool Tracker::localize(const FrameSlot& slot, const Pose& T_odom_camera_predicte
 
 bool Tracker::match_and_solve(const SearchWindow& window, const Pose& T_odom_camera) {
   matcher_.project(map_, inverse(T_odom_camera));
-  result_.matches = matcher_.match(map_, frame_, grid_, window, extractor_, matches());
+  SearchWindow search = window;
+  search.any_label = config_.track.dynamic_rule == DynamicRule::Silhouette;
+  result_.matches = matcher_.match(map_, frame_, grid_, search, extractor_, matches());
   observations_.clear();
   for (std::size_t i = 0; i < frame_.features.size(); ++i) {
     if (matches_[i].slot < 0) continue;
@@ -144,6 +165,7 @@ bool Tracker::match_and_solve(const SearchWindow& window, const Pose& T_odom_cam
       const double sensor = config_.camera.depth_sigma_m(f.depth_m);
       o.sigma_depth_m = std::sqrt(sensor * sensor + variance_along(point, axis));
     }
+    if (config_.track.dynamic_rule == DynamicRule::Silhouette) o.weight = weight_of(point, f.label);
     observed_feature_[observations_.size()] = static_cast<std::uint16_t>(i);
     static_cast<void>(observations_.try_push_back(o));
   }
