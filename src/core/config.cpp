@@ -267,7 +267,8 @@ Status apply_table(std::vector<Key>& keys, const toml::table& table, const std::
     }
     if (key->is_path) {
       std::string& path = *std::get<std::string*>(key->target);
-      if (path.find('/') != std::string::npos && path[0] != '/' && !folder.empty()) path = (folder / path).lexically_normal();
+      const bool word = path == "auto" || path == "none";
+      if (!word && path[0] != '/' && !folder.empty()) path = (folder / path).lexically_normal();
     }
     key->origin = origin;
   }
@@ -290,11 +291,11 @@ Status apply_override(std::vector<Key>& keys, const std::string& text) {
     } catch (const toml::parse_error&) {
       return wrong("--set " + text + ": '" + name + "' is not a key; `stillmap check --dump` lists every key");
     }
-    std::vector<std::string_view> parts;
     toml::node* node = &table;
     while (toml::table* inner = node->as_table()) node = &inner->begin()->second;
     *node->as_string() = value;
   }
+  if (table.empty()) return wrong("--set " + text + ": '" + name + "' is a comment, not a key");
   return apply_table(keys, table, "", "--set", {});
 }
 

@@ -39,7 +39,7 @@ enum class DropReason : std::uint8_t {
   NoDepthMatch,  ///< no depth picture within the association window
   NoFreeSlot,    ///< every pool frame was held
   TrackerBehind, ///< the tracker skipped to a newer frame
-  TimeJump,      ///< the stamp went backwards
+  TimeJump,      ///< the stamp is not later than the one before
 };
 constexpr int kDropReasonCount = 8;
 const char* to_string(DropReason reason);

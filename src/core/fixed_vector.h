@@ -12,7 +12,8 @@
 
 namespace stillmap {
 
-/// Up to N values in place. Trivially copyable where T is, so that it can cross threads in a ring.
+/// Up to N values in place. Trivially copyable where T is, so that it can cross threads in a ring. A
+/// contiguous range: it passes as a std::span.
 template <class T, std::size_t N>
 class FixedVector {
   static_assert(std::is_trivially_copyable_v<T>, "values cross threads by memcpy");
@@ -49,7 +50,8 @@ struct PoolUsage {
   std::uint64_t refused = 0;
 };
 
-/// A vector over memory that an Arena lent: capacity fixed at start, counts what it had to refuse.
+/// A vector over memory that an Arena lent: capacity fixed at start, counts what it had to refuse. A
+/// contiguous range: it passes as a std::span.
 template <class T>
 class ArenaVector {
   static_assert(std::is_trivially_copyable_v<T> && std::is_trivially_destructible_v<T>);

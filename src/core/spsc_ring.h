@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <cstddef>
@@ -50,7 +51,9 @@ class SpscRing {
 
   /// Any thread; exact only when the other side rests.
   std::size_t size() const {
-    return head_.load(std::memory_order_acquire) - tail_.load(std::memory_order_acquire);
+    // The tail first: it never overtakes a head that is read later, so the difference cannot wrap.
+    const std::size_t tail = tail_.load(std::memory_order_acquire);
+    return std::min(head_.load(std::memory_order_acquire) - tail, N);
   }
   PoolUsage usage(const char* name) const {
     return {name, N, high_water_.load(std::memory_order_relaxed), refused_.load(std::memory_order_relaxed)};

@@ -8,34 +8,9 @@
 #include <cstdlib>
 #include <fstream>
 
+#include "tests/drivers/tum_log/heap_calls.h"
 #include "tests/drivers/tum_log/picture_files.h"
 #include "tests/support/shared_folder.h"
-
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define STILLMAP_COUNTS_HEAP 0
-#else
-#define STILLMAP_COUNTS_HEAP 1
-// Every way to the heap passes here, those of C libraries too.
-static thread_local long g_heap_calls = 0;
-extern "C" {
-void* __libc_malloc(std::size_t);
-void* __libc_calloc(std::size_t, std::size_t);
-void* __libc_realloc(void*, std::size_t);
-void* __libc_memalign(std::size_t, std::size_t);
-void* malloc(std::size_t bytes) {
-  return ++g_heap_calls, __libc_malloc(bytes);
-}
-void* calloc(std::size_t count, std::size_t bytes) {
-  return ++g_heap_calls, __libc_calloc(count, bytes);
-}
-void* realloc(void* old, std::size_t bytes) {
-  return ++g_heap_calls, __libc_realloc(old, bytes);
-}
-void* aligned_alloc(std::size_t alignment, std::size_t bytes) {
-  return ++g_heap_calls, __libc_memalign(alignment, bytes);
-}
-}
-#endif
 
 namespace stillmap {
 namespace {
@@ -218,7 +193,7 @@ TEST_F(TumLogFolder, TheSlotsSizeCounts) {
   EXPECT_EQ(result.reason, DropReason::WrongSize);
 }
 
-/// Plays a real log to its end, with the heap calls of grab counted where that is possible.
+/// Plays a real log to its end, with the heap calls counted.
 struct Playback {
   int frames = 0, pairs_within_window = 0;
   long heap_calls = 0;
@@ -230,9 +205,7 @@ Playback play_real(const std::string& name, int width, int height) {
   EXPECT_TRUE(log.start().ok());
   Slot slot(width, height);
   Playback out;
-#if STILLMAP_COUNTS_HEAP
-  const long before = g_heap_calls;
-#endif
+  const long before = test::heap_calls();
   for (GrabResult r = log.grab(slot, 0); r.status != GrabStatus::EndOfStream; r = log.grab(slot, 0)) {
     if (r.status != GrabStatus::Frame) continue;
     out.pairs_within_window += std::abs(slot.colour_ns - slot.depth_ns) <= 20'000'000 ? 1 : 0;
@@ -244,19 +217,16 @@ Playback play_real(const std::string& name, int width, int height) {
     }
     for (const std::uint16_t z : slot.depth_pixels) out.first_frame[3] += z;
   }
-#if STILLMAP_COUNTS_HEAP
-  out.heap_calls = g_heap_calls - before;
-#endif
+  out.heap_calls = test::heap_calls() - before;
   return out;
 }
 
-#if STILLMAP_COUNTS_HEAP
 TEST(TumLogReal, TheHeapCounterSeesTheLibraries) {
-  const long before = g_heap_calls;
+  if (!test::counts_heap_calls()) GTEST_SKIP() << "a sanitizer owns the heap";
+  const long before = test::heap_calls();
   const test::Bytes file = test::png_file(PngKind::Grey8, 4, 4, std::vector<std::uint16_t>(16));
-  EXPECT_GT(g_heap_calls - before, 5) << file.size();
+  EXPECT_GT(test::heap_calls() - before, 5) << file.size();
 }
-#endif
 
 TEST(TumLogReal, WholeLogsPlayWithoutTheHeap) {
   STILLMAP_NEEDS_SHARED();

@@ -1,0 +1,184 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/config.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+
+namespace stillmap {
+namespace {
+
+using testing::AllOf;
+using testing::HasSubstr;
+
+const std::string kCamera = STILLMAP_SOURCE_DIR "/firmware-config/cameras/tum-fr1.toml";
+
+class ConfigFiles : public testing::Test {
+ protected:
+  ConfigFiles() {
+    std::string name = (std::filesystem::temp_directory_path() / "stillmap-config-XXXXXX").string();
+    folder_ = mkdtemp(name.data());
+  }
+  ~ConfigFiles() override { std::filesystem::remove_all(folder_); }
+  std::string write(const std::string& name, const std::string& text) {
+    const std::filesystem::path path = folder_ / name;
+    std::filesystem::create_directories(path.parent_path());
+    std::ofstream(path) << text;
+    return path.string();
+  }
+  static Result<LoadedConfig> load(std::vector<std::string> files, std::vector<std::string> sets = {}) {
+    files.insert(files.begin(), kCamera);
+    return load_config(files, sets);
+  }
+  static Config config(std::vector<std::string> files, std::vector<std::string> sets = {}) {
+    const auto loaded = load(std::move(files), std::move(sets));
+    EXPECT_TRUE(loaded.ok()) << loaded.error().message;
+    return loaded.ok() ? loaded.value().config : Config{};
+  }
+  static std::string error(std::vector<std::string> files, std::vector<std::string> sets = {}) {
+    const auto loaded = load(std::move(files), std::move(sets));
+    EXPECT_FALSE(loaded.ok());
+    return loaded.ok() ? "" : loaded.error().message;
+  }
+  static ConfigEntry entry(const LoadedConfig& loaded, const std::string& key) {
+    const auto found = std::find_if(loaded.entries.begin(), loaded.entries.end(),
+                                    [&](const ConfigEntry& e) { return e.key == key; });
+    EXPECT_NE(found, loaded.entries.end()) << key;
+    return found == loaded.entries.end() ? ConfigEntry{} : *found;
+  }
+  std::filesystem::path folder_;
+};
+
+TEST_F(ConfigFiles, LaterFilesOverrideEarlierOnesAndSetOverridesAll) {
+  const std::string a = write("a.toml", "[track]\nfeatures = 500\nlevels = 4\n[map]\nvoxel_m = 0.1\n");
+  const std::string b = write("b.toml", "[track]\nfeatures = 600\n[map]\nvoxel_m = 0.2\n");
+  const Config c = config({a, b}, {"map.voxel_m=0.3", "map.voxel_m=0.35"});
+  EXPECT_EQ(c.track.features, 600);
+  EXPECT_EQ(c.track.levels, 4);
+  EXPECT_DOUBLE_EQ(c.map.voxel_m, 0.35);
+  EXPECT_DOUBLE_EQ(c.camera.fx, 517.3);
+  EXPECT_EQ(config({b, a}).track.features, 500);
+}
+
+TEST_F(ConfigFiles, TheDumpSaysWhereEachValueComesFrom) {
+  const std::string a = write("a.toml", "track.features = 500\n");
+  const auto loaded = load({a}, {"detector.model=none", "camera.T_base_camera=[0, 0, 1, 0, 0, 0, 1]"});
+  ASSERT_TRUE(loaded.ok()) << loaded.error().message;
+  const auto check = [&](const char* key, const char* value, const std::string& origin) {
+    EXPECT_EQ(entry(loaded.value(), key).value, value);
+    EXPECT_EQ(entry(loaded.value(), key).origin, origin) << key;
+  };
+  check("track.features", "500", a);
+  check("camera.fx", "517.3", kCamera);
+  check("detector.model", "\"none\"", "--set");
+  check("map.voxel_m", "0.04", "default");
+  check("track.dynamic_rule", "\"silhouette\"", "default");
+  check("camera.T_base_camera", "[0, 0, 1, 0, 0, 0, 1]", "--set");
+  EXPECT_EQ(entry(loaded.value(), "classes.names").origin, "built in");
+  EXPECT_EQ(entry(loaded.value(), "map.voxel_m").unit, "m");
+}
+
+TEST_F(ConfigFiles, SetTakesBareWordsPathsAndToml) {
+  EXPECT_EQ(config({}, {"detector.model=none"}).detector.model, "none");
+  EXPECT_EQ(config({}, {"detector.model=../models/a b.onnx"}).detector.model, "../models/a b.onnx");
+  EXPECT_EQ(config({}, {"detector.model=\"quoted.onnx\""}).detector.model, "quoted.onnx");
+  EXPECT_EQ(config({}, {"stream.listen=0.0.0.0:9000"}).stream.listen, "0.0.0.0:9000");
+  EXPECT_EQ(config({}, {"stream.listen=off"}).stream.listen, "off");
+  EXPECT_EQ(config({}, {"track.dynamic_rule=paper"}).track.dynamic_rule, DynamicRule::Paper);
+  EXPECT_EQ(config({}, {"track.dynamic_rule=off"}).track.dynamic_rule, DynamicRule::Off);
+  EXPECT_EQ(config({}, {"track.features = 1200"}).track.features, 1200);
+  EXPECT_EQ(config({}, {"map.voxel_m=1e-2"}).map.voxel_m, 0.01);
+  EXPECT_EQ(config({}, {"map.voxel_m=0.05"}).map.voxel_m, 0.05);
+  EXPECT_EQ(config({}, {"detector.model=a=b"}).detector.model, "a=b");
+  EXPECT_THAT(config({}, {"classes.dynamic=[\"person\"]"}).classes.dynamic, testing::ElementsAre("person"));
+}
+
+TEST_F(ConfigFiles, SetRefusesWhatIsNoOverride) {
+  for (const char* text : {"track.features", "=5", "", "a b=1", "#track.features=5", "track.=5"}) {
+    EXPECT_THAT(error({}, {text}), HasSubstr(std::string("--set ") + text + ":")) << text;
+  }
+  EXPECT_THAT(error({}, {"track.features="}), HasSubstr("does not fit"));
+  EXPECT_THAT(error({}, {"track.dynamic_rule=maybe"}), HasSubstr("\"silhouette\", \"paper\" or \"off\""));
+}
+
+TEST_F(ConfigFiles, PathsInAFileAreRelativeToIt) {
+  EXPECT_EQ(config({write("sub/a.toml", "detector.model = 'models/m.onnx'")}).detector.model,
+            (folder_ / "sub/models/m.onnx").string());
+  EXPECT_EQ(config({write("sub/b.toml", "detector.model = '../m.onnx'")}).detector.model,
+            (folder_ / "m.onnx").string());
+  EXPECT_EQ(config({write("sub/c.toml", "detector.model = 'm.onnx'")}).detector.model,
+            (folder_ / "sub/m.onnx").string());
+  EXPECT_EQ(config({write("sub/d.toml", "detector.model = '/opt/m.onnx'")}).detector.model, "/opt/m.onnx");
+  EXPECT_EQ(config({write("sub/e.toml", "detector.model = 'none'")}).detector.model, "none");
+  EXPECT_EQ(config({write("sub/f.toml", "detector.model = 'auto'")}).detector.model, "auto");
+}
+
+TEST_F(ConfigFiles, FileErrorsNameTheFileAndTheLine) {
+  EXPECT_THAT(error({"/no/such.toml"}), HasSubstr("/no/such.toml: no such configuration file"));
+  EXPECT_THAT(error({folder_.string()}), HasSubstr("no such configuration file"));
+  const std::string broken = write("broken.toml", "[track]\nfeatures = 5 00\n");
+  EXPECT_THAT(error({broken}), HasSubstr(broken + ":2: not valid TOML"));
+  const std::string twice = write("twice.toml", "[track]\nfeatures = 500\nfeatures = 600\n");
+  EXPECT_THAT(error({twice}), HasSubstr("not valid TOML"));
+  const std::string unknown = write("unknown.toml", "[track]\nfaetures = 500\n");
+  EXPECT_THAT(error({unknown}), AllOf(HasSubstr(unknown), HasSubstr("did you mean 'track.features'?")));
+  const std::string alien = write("alien.toml", "[wheels]\ncircumference_of_the_left_one = 1\n");
+  EXPECT_THAT(error({alien}), AllOf(HasSubstr("unknown key 'wheels."), HasSubstr("--dump")));
+  const std::string range = write("range.toml", "camera.fx = 1\n");
+  EXPECT_THAT(error({range}),
+              AllOf(HasSubstr(range), HasSubstr("'camera.fx' = 1 "), HasSubstr("from 50 to 5000 px")));
+  const std::string flat = write("flat.toml", "camera = 5\n");
+  EXPECT_THAT(error({flat}), HasSubstr("unknown key 'camera'"));
+}
+
+TEST_F(ConfigFiles, ValuesThatDoNotGoTogetherAreRefused) {
+  EXPECT_THAT(error({}, {"camera.depth_min_m=9"}), HasSubstr("must be less than camera.depth_max_m = 8 m"));
+  EXPECT_THAT(error({}, {"camera.cx=640"}), HasSubstr("outside the 640 x 480 px picture"));
+  EXPECT_THAT(error({}, {"camera.cy=480"}), HasSubstr("outside the 640 x 480 px picture"));
+  EXPECT_THAT(error({}, {"detector.input_width=100"}), HasSubstr("multiples of 32"));
+  EXPECT_THAT(error({}, {"detector.input_height=100"}), HasSubstr("multiples of 32"));
+  EXPECT_THAT(error({}, {"detector.sha256=abc"}), HasSubstr("64 lower-case hexadecimal digits"));
+  EXPECT_THAT(error({}, {"detector.sha256=" + std::string(64, 'G')}),
+              HasSubstr("64 lower-case hexadecimal digits"));
+  EXPECT_EQ(config({}, {"detector.sha256=" + std::string(64, 'a')}).detector.sha256, std::string(64, 'a'));
+  EXPECT_THAT(error({}, {"track.weak_inliers=10"}),
+              HasSubstr("must not be less than track.min_inliers = 20"));
+  EXPECT_THAT(error({}, {"classes.static=[\"person\"]"}), HasSubstr("'person' is listed twice"));
+  EXPECT_THAT(error({}, {"camera.T_base_camera=[0, 0, 0, 0, 0, 0, 0.5]"}), HasSubstr("unit quaternion"));
+  EXPECT_THAT(error({}, {"camera.T_base_camera=[0, 0, 0, 0, 0, 1]"}), HasSubstr("unit quaternion"));
+}
+
+TEST_F(ConfigFiles, TheBuiltInClassesAreCocosAndSorted) {
+  const Config c = config({});
+  EXPECT_EQ(c.classes.names.size(), 80u);
+  EXPECT_EQ(c.classes.names[0], "person");
+  for (const auto* list : {&c.classes.dynamic, &c.classes.semi_static, &c.classes.pure_static}) {
+    EXPECT_FALSE(list->empty());
+    for (const std::string& name : *list) EXPECT_THAT(c.classes.names, testing::Contains(name));
+  }
+}
+
+TEST(ShippedConfigs, EveryCameraFileLoadsAlone) {
+  int files = 0;
+  for (const auto& file :
+       std::filesystem::directory_iterator(STILLMAP_SOURCE_DIR "/firmware-config/cameras")) {
+    const auto loaded = load_config(std::vector<std::string>{file.path().string()}, {});
+    EXPECT_TRUE(loaded.ok()) << loaded.error().message;
+    ++files;
+  }
+  EXPECT_GE(files, 3);
+}
+
+TEST(ShippedConfigs, EveryClassFileLoadsWithACamera) {
+  for (const auto& file :
+       std::filesystem::directory_iterator(STILLMAP_SOURCE_DIR "/firmware-config/classes")) {
+    const auto loaded = load_config(std::vector<std::string>{kCamera, file.path().string()}, {});
+    EXPECT_TRUE(loaded.ok()) << loaded.error().message;
+  }
+}
+
+}  // namespace
+}  // namespace stillmap
