@@ -136,7 +136,7 @@ TEST_F(PoolDeathTest, AFrameThatOutlivesItsPoolIsABug) {
 
 TEST_F(Pool, ThreadsSeeWholeFramesAndLoseNone) {
   // Capture writes a pattern and hands each frame to two consumers; whoever lets go last returns it.
-  constexpr std::uint64_t kCount = 20'000;
+  constexpr std::uint64_t kCount = 5'000;
   SpscRing<FrameHandle, 2> to_tracker, to_map;
   const auto consume = [](SpscRing<FrameHandle, 2>& ring, std::uint64_t& good) {
     for (std::uint64_t wanted = 0; wanted < kCount;) {
