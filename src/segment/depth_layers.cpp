@@ -78,15 +78,17 @@ void DepthLayers::read(ImageView<const std::uint16_t> depth, const CameraModel& 
 }
 
 BoxCells DepthLayers::cells_of(const Box& box, double beyond_px) const {
-  const auto cells = [this](double grow_px, const Box& b) {
-    const auto clip = [this](double px, int limit) {
-      return static_cast<int>(std::clamp(px / cell_px_, 0.0, static_cast<double>(limit)));
-    };
-    return CellRect{clip(std::floor(b.x0 - grow_px), columns_), clip(std::floor(b.y0 - grow_px), rows_),
-                    clip(std::ceil(b.x1 + grow_px) + cell_px_ - 1, columns_),
-                    clip(std::ceil(b.y1 + grow_px) + cell_px_ - 1, rows_)};
+  // A box carried along may lie anywhere, even nowhere (NaN, which counts as 0).
+  const auto clip = [this](double cell, int limit) {
+    return cell > 0 ? static_cast<int>(std::min(cell, static_cast<double>(limit))) : 0;
   };
-  return {cells(0, box), cells(std::max<double>(beyond_px, cell_px_), box)};
+  const auto cells = [&](double grow_px) {
+    return CellRect{clip(std::floor((box.x0 - grow_px) / cell_px_), columns_),
+                    clip(std::floor((box.y0 - grow_px) / cell_px_), rows_),
+                    clip(std::ceil((box.x1 + grow_px) / cell_px_), columns_),
+                    clip(std::ceil((box.y1 + grow_px) / cell_px_), rows_)};
+  };
+  return {cells(0), cells(std::max<double>(beyond_px, cell_px_))};
 }
 
 }  // namespace stillmap
