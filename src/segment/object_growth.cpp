@@ -146,8 +146,7 @@ void ObjectGrowth::fill_holes() {
 DepthRange ObjectGrowth::depths_at(int column, int row) const {
   if (hole_[grid_.index(column, row)]) return {0, std::numeric_limits<std::uint16_t>::max()};
   DepthRange range{std::numeric_limits<int>::max(), -1};
-  const auto add = [&](int x, int y, std::size_t node, const DepthLayer& layer) {
-    static_cast<void>(x), static_cast<void>(y);
+  const auto add = [&](int, int, std::size_t node, const DepthLayer& layer) {
     if (owner_[node] != Owner::Object) return;
     range = {std::min<int>(range.near_mm, layer.near_mm), std::max<int>(range.far_mm, layer.far_mm)};
   };
