@@ -1,29 +1,228 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "detect/detector.h"
-#include <gtest/gtest.h>
+
+#include <gmock/gmock.h>
+#include <unistd.h>
+
 #include <algorithm>
-#include <cstdio>
-#include "core/time.h"
-#include "detect/model_file.h"
+#include <array>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+
+#include "tests/detect/tiny_onnx.h"
 #include "tests/support/read_image.h"
 #include "tests/support/shared_folder.h"
-namespace stillmap { namespace {
-TEST(X, Y) {
-  Config c; c = load_config({}, std::vector<std::string>{"camera.width=640","camera.height=480","camera.fx=500","camera.fy=500","camera.cx=320","camera.cy=240","camera.depth_units_per_m=5000"}).value().config;
-  auto d = Detector::open(c, test::shared_folder()/"models/nanodet_plus_m/nanodet_plus_m_int8.onnx");
-  ASSERT_TRUE(d.ok()) << d.error().message;
-  puts(d.value()->describe().c_str());
-  std::vector<double> t;
-  for (auto& f : test::list_rgbd(test::shared_folder()/"data/fr1_rpy_walkers")) {
-    auto im = test::read_colour(f.colour);
-    FrameSlot s; s.colour = im.view(); Detections o;
-    auto a = monotonic_now();
-    ASSERT_TRUE(d.value()->run(s, o));
-    t.push_back(to_ms(monotonic_now()-a));
-    printf("%s", f.colour.stem().c_str());
-    for (auto& i : o.items) if (i.kind == ClassKind::Dynamic||i.kind==ClassKind::SemiStatic) printf(" | %s %.2f %.0f,%.0f,%.0f,%.0f", c.classes.names[i.class_id].c_str(), i.score, i.box.x0,i.box.y0,i.box.x1,i.box.y1);
-    puts("");
-  }
-  std::sort(t.begin(), t.end()); printf("median %.2f min %.2f\n", t[t.size()/2], t[0]);
+
+namespace stillmap {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using ::testing::Not;
+
+Config config_of(int width, int height) {
+  const auto key = [](const char* name, int value) {
+    return "camera." + std::string(name) + "=" + std::to_string(value);
+  };
+  const std::vector<std::string> keys{key("width", width),
+                                      key("height", height),
+                                      key("fx", 500),
+                                      key("fy", 500),
+                                      key("cx", width / 2),
+                                      key("cy", height / 2),
+                                      key("depth_units_per_m", 1000)};
+  return load_config({}, keys).value().config;
 }
-}}
+
+FrameSlot frame_of(const test::Image<Bgr>& colour) {
+  FrameSlot frame;
+  frame.sequence = 41;
+  frame.colour_ns = 12345;
+  // The detector only reads; a frame's own view is writable because drivers fill it.
+  frame.colour = {const_cast<Bgr*>(colour.pixels.data()), colour.width, colour.height, colour.width};
+  return frame;
+}
+
+class DetectorTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    folder_ = std::filesystem::temp_directory_path() / ("stillmap_detect_" + std::to_string(getpid()));
+  }
+  void TearDown() override { std::filesystem::remove_all(folder_); }
+  std::string write(const std::string& bytes) {
+    std::filesystem::create_directories(folder_);
+    std::ofstream(folder_ / "net.onnx", std::ios::binary) << bytes;
+    return folder_ / "net.onnx";
+  }
+  static void expect_refused(const Config& config, const std::string& path, ExitCode code,
+                             const std::string& words) {
+    const auto opened = Detector::open(config, path);
+    ASSERT_FALSE(opened.ok());
+    EXPECT_EQ(opened.error().exit_code, code);
+    EXPECT_THAT(opened.error().message, AllOf(HasSubstr(words), Not(HasSubstr("\n"))));
+  }
+  std::filesystem::path folder_;
+};
+
+/// Two classes at stride 8. Blue squares are of class 0, red ones of class 1, each with a box of one stride
+/// around its corner; what is blue is 2.7 after normalisation, red 2.2, black about -2.
+test::TinyOnnx blue_and_red(int class_count = 2, int distance_planes = 32) {
+  test::TinyOnnx net(256, 320);
+  std::vector<float> class_bias(static_cast<std::size_t>(class_count), -30.f),
+      class_weight(class_bias.size() * 3, 0.f);
+  class_bias[0] = class_bias[1] = -5;
+  class_weight[0] = 3;      // class 0, blue
+  class_weight[3 + 2] = 3;  // class 1, red
+  net.add_output("cls_8", class_count, 8, class_bias, class_weight);
+  std::vector<float> bins(static_cast<std::size_t>(distance_planes), -20.f);
+  for (std::size_t side = 0; side < 4; ++side) bins[side * 8 + 1] = 20;
+  net.add_output("reg_8", distance_planes, 8, bins, std::vector<float>(bins.size() * 3, 0.f));
+  return net;
+}
+
+Config two_classes(int width = 640, int height = 480) {
+  Config config = config_of(width, height);
+  config.classes = {{"blue", "red"}, {"blue"}, {"red"}, {}};
+  return config;
+}
+
+TEST_F(DetectorTest, FindsColouredSquaresWhereTheyAre) {
+  const auto opened = Detector::open(two_classes(), write(blue_and_red().bytes()));
+  ASSERT_TRUE(opened.ok()) << opened.error().message;
+  Detector& detector = *opened.value();
+  EXPECT_THAT(detector.describe(),
+              AllOf(HasSubstr("net.onnx"), HasSubstr("320x256"), HasSubstr("2 classes")));
+  EXPECT_THAT(detector.class_warnings(), IsEmpty());
+
+  // One cell is 16 px of the picture; the bar above the picture is 8 px of the input, so one cell.
+  test::Image<Bgr> colour(640, 480);
+  for (int y = 160; y < 176; ++y) {
+    for (int x = 320; x < 336; ++x) colour.view().at(x, y) = {255, 0, 0};
+    for (int x = 48; x < 64; ++x) colour.view().at(x, y) = {0, 0, 255};
+  }
+  Detections found;
+  ASSERT_TRUE(detector.run(frame_of(colour), found));
+  EXPECT_EQ(found.sequence, 41u);
+  EXPECT_EQ(found.stamp_ns, 12345);
+  ASSERT_EQ(found.items.size(), 2u);
+  const Detection& blue = found.items[0];
+  EXPECT_EQ(blue.class_id, 0);
+  EXPECT_EQ(blue.kind, ClassKind::Dynamic);
+  EXPECT_NEAR(blue.box.x0, 304, 0.1);
+  EXPECT_NEAR(blue.box.y0, 144, 0.1);
+  EXPECT_NEAR(blue.box.x1, 336, 0.1);
+  EXPECT_NEAR(blue.box.y1, 176, 0.1);
+  EXPECT_EQ(found.items[1].class_id, 1);
+  EXPECT_EQ(found.items[1].kind, ClassKind::SemiStatic);
+  EXPECT_NEAR(found.items[1].box.x0, 32, 0.1);
+
+  ASSERT_TRUE(detector.run(frame_of(test::Image<Bgr>(640, 480)), found));
+  EXPECT_TRUE(found.items.empty()) << "nothing of the picture before stays";
+}
+
+TEST_F(DetectorTest, ReadsPicturesThatArePartOfWiderRows) {
+  const auto opened = Detector::open(two_classes(), write(blue_and_red().bytes()));
+  ASSERT_TRUE(opened.ok());
+  test::Image<Bgr> colour(700, 480, {255, 0, 0});
+  FrameSlot frame = frame_of(colour);
+  frame.colour.width = 640;
+  for (int y = 0; y < 480; ++y) std::fill_n(frame.colour.row(y), 640, Bgr{});
+  Detections found;
+  ASSERT_TRUE(opened.value()->run(frame, found));
+  EXPECT_TRUE(found.items.empty());
+}
+
+TEST_F(DetectorTest, WarnsOfClassesThatTheModelDoesNotKnow) {
+  Config config = two_classes();
+  config.classes.dynamic.push_back("person");
+  const auto opened = Detector::open(config, write(blue_and_red().bytes()));
+  ASSERT_TRUE(opened.ok());
+  EXPECT_THAT(opened.value()->class_warnings(), HasSubstr("'person'"));
+}
+
+TEST_F(DetectorTest, RefusesAnotherNumberOfClasses) {
+  expect_refused(two_classes(), write(blue_and_red(3).bytes()), ExitCode::WrongConfig,
+                 "classes.names: 2 names, but '" + (folder_ / "net.onnx").string() + "' knows 3 classes");
+}
+
+TEST_F(DetectorTest, RefusesOutputsOfAnotherKind) {
+  expect_refused(two_classes(), write(blue_and_red(2, 36).bytes()), ExitCode::UnreadableInput, "wrong shape");
+  test::TinyOnnx half(256, 320);
+  half.add_output("cls_8", 2, 8, {0, 0}, std::vector<float>(6));
+  expect_refused(two_classes(), write(half.bytes()), ExitCode::UnreadableInput, "only one of cls_ and reg_");
+  test::TinyOnnx other(256, 320);
+  other.add_output("boxes", 2, 8, {0, 0}, std::vector<float>(6));
+  expect_refused(two_classes(), write(other.bytes()), ExitCode::UnreadableInput, "has no outputs cls_8");
+}
+
+TEST_F(DetectorTest, RefusesFilesThatAreNoNetwork) {
+  const Config config = config_of(640, 480);
+  expect_refused(config, write("This is not a network.\n"), ExitCode::UnreadableInput,
+                 "no network that can be run");
+  expect_refused(config, write(""), ExitCode::UnreadableInput, "scripts/get_model.sh");
+  expect_refused(config, "/nonexistent/net.onnx", ExitCode::UnreadableInput, "/nonexistent/net.onnx");
+  const std::string whole = blue_and_red().bytes();
+  for (std::size_t size = 1; size < whole.size(); size += 97) {
+    EXPECT_FALSE(Detector::open(two_classes(), write(whole.substr(0, size))).ok()) << size;
+  }
+}
+
+TEST_F(DetectorTest, RefusesAnInputSizeThatTheNetworkCannotHave) {
+  Config config = two_classes();
+  config.detector.input_height = 250;
+  expect_refused(config, write(blue_and_red().bytes()), ExitCode::WrongConfig, "multiples of 32");
+}
+
+std::filesystem::path real_model() {
+  return test::shared_folder() / "models/nanodet_plus_m/nanodet_plus_m_int8.onnx";
+}
+
+TEST_F(DetectorTest, RefusesATornDownloadOfTheRealNetwork) {
+  STILLMAP_NEEDS_SHARED();
+  std::ifstream in(real_model(), std::ios::binary);
+  const std::string bytes{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
+  for (const double share : {0.1, 0.5, 0.9, 0.999}) {
+    const auto size = static_cast<std::size_t>(share * static_cast<double>(bytes.size()));
+    EXPECT_FALSE(Detector::open(config_of(640, 480), write(bytes.substr(0, size))).ok()) << share;
+  }
+}
+
+TEST_F(DetectorTest, RefusesTheRealNetworkWithTheClassesOfAnother) {
+  STILLMAP_NEEDS_SHARED();
+  expect_refused(two_classes(), real_model(), ExitCode::WrongConfig,
+                 "add --config with the class file of this model");
+}
+
+/// The share of the walkers' pixels that lie in a person's box.
+TEST_F(DetectorTest, RealNetworkCoversTheWalker) {
+  STILLMAP_NEEDS_SHARED();
+  const Config config = config_of(640, 480);
+  const auto opened = Detector::open(config, real_model());
+  ASSERT_TRUE(opened.ok()) << opened.error().message;
+  const std::filesystem::path folder = test::shared_folder() / "data/fr1_rpy_walkers";
+  const std::string stamp = "1305031240.029620";
+  const test::Image<Bgr> colour = test::read_colour(folder / "rgb" / (stamp + ".jpg"));
+  const test::Image<std::uint8_t> truth = test::read_grey(folder / "mask" / (stamp + ".png"));
+  Detections first, second;
+  ASSERT_TRUE(opened.value()->run(frame_of(colour), first));
+  int walker = 0, covered = 0;
+  for (int y = 0; y < truth.height; ++y) {
+    for (int x = 0; x < truth.width; ++x) {
+      if (truth.view().at(x, y) == 0) continue;
+      ++walker;
+      covered += std::any_of(first.items.begin(), first.items.end(), [&](const Detection& d) {
+        return config.classes.names[d.class_id] == "person" && d.box.contains(x, y);
+      });
+    }
+  }
+  ASSERT_GT(walker, 5000);
+  EXPECT_GT(covered, walker * 9 / 10);
+  ASSERT_TRUE(opened.value()->run(frame_of(colour), second));
+  ASSERT_EQ(second.items.size(), first.items.size());
+  for (std::size_t i = 0; i < first.items.size(); ++i) EXPECT_EQ(second.items[i].score, first.items[i].score);
+}
+
+}  // namespace
+}  // namespace stillmap
