@@ -98,6 +98,17 @@ std::optional<Channel> ClientSession::pending_pose_channel(const Feed& feed) con
   return pending;
 }
 
+std::uint64_t ClientSession::drop_outdated(const Feed& feed) {
+  std::uint64_t dropped = 0;
+  for (std::uint32_t i = 0; i < kPoseChannels; ++i) {
+    if (!subscriptions_[i] || feed.poses().end() - place_[i] <= PoseHistory::kDepth) continue;
+    const std::uint64_t newest = feed.poses().end() - 1;
+    dropped += newest - place_[i];
+    place_[i] = newest;
+  }
+  return dropped;
+}
+
 bool ClientSession::has_pending(const Feed& feed) const {
   return receiving_cloud() || greeting_ != Greeting::Done || !notices_.empty() ||
          pending_pose_channel(feed) || (owed_cloud(feed.cloud) && feed.cloud.readable());
@@ -122,11 +133,7 @@ Chunk ClientSession::next_chunk(const Feed& feed, std::span<std::uint8_t> out, N
 
 Chunk ClientSession::next_pose_chunk(Channel channel, const Feed& feed, std::span<std::uint8_t> out) {
   std::uint64_t& place = place_[static_cast<std::uint32_t>(channel) - 1];
-  const std::uint64_t newest = feed.poses().end() - 1;
-  if (newest - place >= PoseHistory::kDepth) {
-    dropped_ += newest - place;
-    place = newest;
-  }
+  STILLMAP_CHECK(feed.poses().end() - place <= PoseHistory::kDepth);
   const PoseHistory::Entry& entry = feed.poses().at(place);
   ++place;
   const std::span<const std::uint8_t> payload =

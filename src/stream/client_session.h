@@ -47,6 +47,9 @@ class ClientSession {
   /// A piece of a message from the client. Its answer, if any, is among the next chunks.
   void receive(const Feed& feed, std::string_view piece, bool first, bool last, bool binary);
 
+  /// To be called whenever the pose history has grown. Where the client is so far behind that its next pose
+  /// is not kept any more, it goes on with the newest. Returns how many messages it will never get.
+  std::uint64_t drop_outdated(const Feed& feed);
   bool has_pending(const Feed& feed) const;
   /// Writes the next piece for this client into `out`, which it owes the client from then on. The whole of an
   /// `advertise` must fit into `out`.
@@ -61,8 +64,6 @@ class ClientSession {
     return cloud_started_ns_ && now_ns - *cloud_started_ns_ > kCloudTimeout_ns;
   }
 
-  /// Since the last call: poses and transforms that were too old by the time this client could take them.
-  std::uint64_t take_dropped() { return std::exchange(dropped_, 0); }
   /// Since the last call: messages that could not be followed.
   std::uint64_t take_bad_messages() { return std::exchange(bad_messages_, 0); }
 
@@ -107,7 +108,7 @@ class ClientSession {
   std::uint64_t cloud_generation_ = 0;                ///< of the cloud last begun
   std::optional<Nanoseconds> cloud_started_ns_;       ///< set while a cloud is being sent
   std::size_t cloud_offset_ = 0;                      ///< bytes of points that were sent of it
-  std::uint64_t dropped_ = 0, bad_messages_ = 0;
+  std::uint64_t bad_messages_ = 0;
   std::array<char, kMaxMessageBytes> inbox_{};
   std::size_t inbox_bytes_ = 0;
   bool inbox_overrun_ = false;

@@ -15,7 +15,7 @@ namespace stillmap {
 /// is.
 struct StreamPose {
   Nanoseconds stamp_ns = 0;
-  Pose T_map_odom, T_odom_base, T_base_camera;
+  Pose T_map_odom{}, T_odom_base{}, T_base_camera{};
 };
 
 /// The most points that one cloud holds; a bigger map is coarsened by its owner.

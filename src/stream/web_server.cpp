@@ -2,6 +2,7 @@
 #include "stream/web_server.h"
 
 #include <libwebsockets.h>
+#include <netinet/tcp.h>
 #include <sys/socket.h>
 
 #include <array>
@@ -12,10 +13,12 @@
 namespace stillmap::stream {
 namespace {
 
-constexpr std::size_t kChunkBytes = 32 * 1024;  // one WebSocket frame
-constexpr int kChunksPerRound = 8;              // for one client, before the others have their turn
-constexpr int kSendBufferBytes =
-    192 * 1024;  // the kernel's, per client: takes a chunk whole whenever it takes any
+constexpr std::size_t kChunkBytes = 16 * 1024;  // one WebSocket frame
+constexpr std::size_t kReceiveBytes = 1024;     // a longer message comes in pieces
+constexpr int kChunksPerRound = 16;             // for one client, before the others have their turn
+// The kernel's buffers for each client: room for a chunk whole whenever it takes any, and no more unsent than
+// that, or a slow client's poses would grow old there.
+constexpr int kSendBufferBytes = 192 * 1024, kUnsentBytes = 2 * kChunkBytes;
 constexpr Nanoseconds kCloudInterval_ns = 1'000'000'000;
 constexpr Nanoseconds kFarewell_ns = 500'000'000;
 constexpr int kOtherSockets = 24;  // besides WebSocket clients: HTTP requests, listening, waking
@@ -57,11 +60,12 @@ struct WebServer::Callback {
         return lws_callback_http_dummy(socket, reason, user, in, bytes);
     }
   }
-  // One callback for all: HTTP comes to the first entry, as does a WebSocket client that names no
+  // The last field is how much the library hands to the kernel at once; of more it would keep a copy on the
+  // heap. One callback for all: HTTP comes to the first entry, as does a WebSocket client that names no
   // subprotocol.
   static constexpr lws_protocols kProtocols[] = {
-      {"foxglove.sdk.v1", on_event, sizeof(Connection), 1024, 0, nullptr, 0},
-      {"foxglove.websocket.v1", on_event, sizeof(Connection), 1024, 0, nullptr, 0},
+      {"foxglove.sdk.v1", on_event, sizeof(Connection), kReceiveBytes, 0, nullptr, kChunkBytes},
+      {"foxglove.websocket.v1", on_event, sizeof(Connection), kReceiveBytes, 0, nullptr, kChunkBytes},
       {nullptr, nullptr, 0, 0, 0, nullptr, 0},
   };
 };
@@ -176,7 +180,9 @@ int WebServer::accept(lws* socket, Connection& connection) {
     slot.socket = socket;
     slot.given_up = false;
     slot.session.reset();
-    setsockopt(lws_get_socket_fd(socket), SOL_SOCKET, SO_SNDBUF, &kSendBufferBytes, sizeof(kSendBufferBytes));
+    const int fd = lws_get_socket_fd(socket);
+    setsockopt(fd, SOL_SOCKET, SO_SNDBUF, &kSendBufferBytes, sizeof(kSendBufferBytes));
+    setsockopt(fd, IPPROTO_TCP, TCP_NOTSENT_LOWAT, &kUnsentBytes, sizeof(kUnsentBytes));
     counters_.client_came();
     emit(EventCode::ClientConnected);
     lws_callback_on_writable(socket);
@@ -216,7 +222,6 @@ int WebServer::write(Slot& slot) {
   const std::span<std::uint8_t> out = scratch_.subspan(LWS_PRE);
   for (int i = 0; i < kChunksPerRound; ++i) {
     const Chunk chunk = slot.session.next_chunk(feed_, out, now_ns);
-    Counters::add(counters_.messages_dropped, slot.session.take_dropped());
     if (chunk.bytes == 0) return 0;
     const int kind = chunk.first ? (chunk.text ? LWS_WRITE_TEXT : LWS_WRITE_BINARY) : LWS_WRITE_CONTINUATION;
     const int flags = chunk.last ? kind : kind | LWS_WRITE_NO_FIN;

@@ -1,0 +1,165 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stream/stream_server.h"
+
+#include <arpa/inet.h>
+#include <gtest/gtest.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <string>
+
+namespace stillmap {
+namespace {
+
+Config::Stream stream_config(const std::string& listen = "127.0.0.1:0") {
+  Config::Stream config;
+  config.listen = listen;
+  return config;
+}
+
+std::size_t planned_bytes() {
+  Arena plan;
+  const StreamServer server(stream_config(), plan);
+  return plan.bytes_planned();
+}
+
+int connect_to(int port) {
+  const int fd = socket(AF_INET, SOCK_STREAM | SOCK_NONBLOCK, 0);
+  sockaddr_in to{};
+  to.sin_family = AF_INET;
+  to.sin_port = htons(static_cast<std::uint16_t>(port));
+  to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  connect(fd, reinterpret_cast<const sockaddr*>(&to), sizeof(to));
+  return fd;
+}
+
+/// Serves from this thread until `fd` has brought `expected`, as lockstep does. What came is returned.
+std::string serve_until(StreamServer& server, int fd, const std::string& expected) {
+  std::string received;
+  for (int i = 0; i < 2000 && received.find(expected) == std::string::npos; ++i) {
+    server.service(0);
+    char buffer[65536];
+    const ssize_t bytes = read(fd, buffer, sizeof(buffer));
+    if (bytes > 0) received.append(buffer, static_cast<std::size_t>(bytes));
+    if (bytes <= 0) usleep(500);
+  }
+  return received;
+}
+
+void send_all(int fd, const std::string& text) {
+  for (int i = 0; i < 2000 && send(fd, text.data(), text.size(), MSG_NOSIGNAL) < 0; ++i) usleep(500);
+}
+
+TEST(StreamServer, PlansWhatItTakesAndOpensNothingWhilePlanning) {
+  const std::size_t bytes = planned_bytes();
+  EXPECT_GT(bytes, kMaxCloudPoints * sizeof(CloudPoint));
+  EXPECT_LT(bytes, kMaxCloudPoints * sizeof(CloudPoint) + 256 * 1024);
+  Arena arena(bytes);
+  const StreamServer server(stream_config(), arena);
+  EXPECT_EQ(arena.bytes_planned(), bytes);
+}
+
+TEST(StreamServer, ListensOnAnyFreePortAndSaysWhenOneIsTaken) {
+  Arena arena(planned_bytes()), other_arena(planned_bytes());
+  StreamServer server(stream_config(), arena);
+  ASSERT_TRUE(server.open().ok());
+  ASSERT_GT(server.port(), 0);
+  StreamServer other(stream_config("127.0.0.1:" + std::to_string(server.port())), other_arena);
+  const Status status = other.open();
+  ASSERT_FALSE(status.ok());
+  EXPECT_EQ(status.error().exit_code, ExitCode::RunFailed);
+  EXPECT_NE(status.error().message.find("in use"), std::string::npos);
+}
+
+TEST(StreamServer, RefusesAWrongAddress) {
+  Arena arena(planned_bytes());
+  StreamServer server(stream_config("here"), arena);
+  const Status status = server.open();
+  ASSERT_FALSE(status.ok());
+  EXPECT_EQ(status.error().exit_code, ExitCode::WrongConfig);
+}
+
+TEST(StreamServer, ListensOnIpv6) {
+  Arena arena(planned_bytes());
+  StreamServer server(stream_config("[::1]:0"), arena);
+  const Status status = server.open();
+  if (!status.ok()) GTEST_SKIP() << "no IPv6 here: " << status.error().message;
+  EXPECT_GT(server.port(), 0);
+}
+
+TEST(StreamServer, ServiceReturnsWhenItSays) {
+  Arena arena(planned_bytes());
+  StreamServer server(stream_config(), arena);
+  ASSERT_TRUE(server.open().ok());
+  server.service(1);
+  Nanoseconds start = monotonic_now();
+  for (int i = 0; i < 100; ++i) server.service(0);
+  EXPECT_LT(to_ms(monotonic_now() - start), 200);
+  start = monotonic_now();
+  server.service(100);
+  EXPECT_GT(to_ms(monotonic_now() - start), 90);
+  EXPECT_LT(to_ms(monotonic_now() - start), 1000);
+}
+
+TEST(StreamServer, ServesHttpAndWebSocketFromOneThread) {
+  Arena arena(planned_bytes());
+  StreamServer server(stream_config(), arena);
+  ASSERT_TRUE(server.open().ok());
+  ASSERT_TRUE(server.publish_health("{\"state\":\"lost\"}", "x 1\n"));
+  const int http = connect_to(server.port());
+  send_all(http, "GET /health HTTP/1.1\r\nHost: x\r\n\r\n");
+  EXPECT_NE(serve_until(server, http, "lost").find("HTTP/1.1 200"), std::string::npos);
+  close(http);
+
+  const int client = connect_to(server.port());
+  send_all(
+      client,
+      "GET / HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: "
+      "13\r\n"
+      "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Protocol: foxglove.websocket.v1\r\n\r\n");
+  EXPECT_NE(serve_until(server, client, "foxglove.PointCloud").find("s3pPLMBiTxaQ9kYGzzhZRbK+xOo="),
+            std::string::npos);
+  EXPECT_EQ(server.stats().clients, 1U);
+  const std::optional<Event> came = server.events().try_pop();
+  ASSERT_TRUE(came.has_value());
+  EXPECT_EQ(came->code, EventCode::ClientConnected);
+  EXPECT_EQ(came->a, 1);
+
+  EXPECT_FALSE(server.cloud_wanted());
+  const std::string subscribe =
+      R"({"op":"subscribe","subscriptions":[{"id":1,"channelId":3},{"id":2,"channelId":2}]})";
+  ASSERT_LT(subscribe.size(), 126U);
+  std::string frame = {'\x81', static_cast<char>(0x80 | subscribe.size()), 0, 0, 0, 0};  // masked by zeros
+  frame += subscribe;
+  send_all(client, frame);
+  for (int i = 0; i < 2000 && !server.cloud_wanted(); ++i) {
+    server.service(0);
+    usleep(500);
+  }
+  ASSERT_TRUE(server.cloud_wanted());
+  const std::span<CloudPoint> points = server.begin_cloud();
+  ASSERT_EQ(points.size(), kMaxCloudPoints);
+  points[0].x = 1;
+  server.publish_cloud(1, 5);
+  server.publish_pose({.stamp_ns = 6});
+  EXPECT_NE(serve_until(server, client, std::string("\x02\0\0\0\x06", 5)).find("alpha"), std::string::npos);
+  EXPECT_FALSE(server.cloud_wanted());  // not within the same second
+  EXPECT_EQ(server.stats().messages_sent, 4U);
+
+  close(client);
+  for (int i = 0; i < 2000 && server.stats().clients > 0; ++i) server.service(1);
+  EXPECT_EQ(server.stats().clients, 0U);
+  EXPECT_EQ(server.stats().clients_peak, 1U);
+  server.stop();
+}
+
+TEST(StreamServer, PosesThatNobodyServesAreCountedNotKept) {
+  Arena arena(planned_bytes());
+  StreamServer server(stream_config(), arena);
+  ASSERT_TRUE(server.open().ok());
+  for (int i = 0; i < 100; ++i) server.publish_pose({.stamp_ns = i});
+  EXPECT_EQ(server.stats().poses_refused, 36U);
+}
+
+}  // namespace
+}  // namespace stillmap
