@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <span>
 
@@ -12,15 +13,17 @@
 
 namespace stillmap {
 
-/// Projective fusion of one frame into the blocks that it sees: each voxel's centre is projected into the depth
-/// picture and compared with what was measured there; never a ray per pixel. One thread.
+/// Projective fusion of one frame into the blocks that it sees: each voxel's centre is projected into the
+/// depth picture and compared with what was measured there; never a ray per pixel. One thread.
 ///
-/// With d = (voxel's depth) - (measured depth) and the truncation t = max(1 voxel, 2.5 sigma of the depth noise):
-///   a measured point lies in the voxel, or |d| <= t / 2: evidence for occupied, and the colour there;
-///   d < -t: seen through, evidence for free;
+/// With d = (voxel's depth) - (measured depth) and the truncation t = max(1 voxel, 1.5 sigma of the depth
+/// noise):
+///   enough measured points lie in the voxel, or |d| <= t / 2: evidence for occupied, and the colour there;
+///   otherwise, d < -t: seen through, evidence for free;
 ///   otherwise nothing: behind a surface, or too near it to be sure.
-/// The middle rule keeps surfaces one to two voxels thick. The first rule is needed for surfaces that are seen at a
-/// grazing angle, where a voxel that the surface crosses can have its centre far before it along the ray.
+/// Counting points serves surfaces seen at a grazing angle: a voxel that they cross can have its centre far
+/// before them along the ray. Enough is 15 % of the pixels that the voxel's face would fill: fewer is the
+/// tail of the noise, which would make far walls twice as thick.
 class BlockFuser {
  public:
   struct Change {
@@ -30,25 +33,31 @@ class BlockFuser {
 
   BlockFuser(const CameraModel& camera, const RayTable& rays, double voxel_m, bool planning);
 
-  /// `z_m` as MeasuredDepth has it; `frame_mark` is what Voxel::last_hit holds where a point of this frame lies.
-  void begin_frame(const Pose& T_map_camera_depth, const Pose& T_map_camera_colour, std::span<const float> z_m,
-                   ImageView<const Bgr> colour, double max_range_m, std::uint16_t frame_mark);
+  /// `z_m` as MeasuredDepth has it; `frame_mark` is what Voxel::last_hit holds where a point of this frame
+  /// lies.
+  void begin_frame(const Pose& T_map_camera_depth, const Pose& T_map_camera_colour,
+                   std::span<const float> z_m, ImageView<const Bgr> colour, double max_range_m,
+                   std::uint16_t frame_mark);
   bool in_view(BlockCoordinates at) const;
   Change fuse(BlockCoordinates at, std::span<Voxel, kBlockVoxels> voxels) const;
 
  private:
   enum class Evidence : std::uint8_t { None, Free, Occupied };
+  using Point = std::array<float, 3>;  // of the depth camera's frame, m
 
   Vec3 first_centre_in_depth_camera(BlockCoordinates at) const;
+  void fuse_row(const Point& begin, const Point& step, Voxel* voxels, Change& change) const;
   Evidence evidence(const Voxel& voxel, float depth_m, float measured_m) const;
-  /// The colour picture's pixel for a point of the depth camera's frame; null where it is outside.
-  const Bgr* colour_at(float x, float y, float z) const;
-  bool hit(Voxel& voxel, const Bgr& colour) const;
+  /// The colour picture's pixel at a point; null where it is outside.
+  const Bgr* colour_at(const Point& p_depth) const;
+  // Both return whether what the voxel shows changed.
+  static bool hit(Voxel& voxel, const Bgr& colour);
   static bool miss(Voxel& voxel);
 
   Lens lens_;
   double voxel_m_;
   float noise_m_at_1m_;
+  float enough_points_at_1m_;
   int width_;
 
   Pose T_depth_map_;

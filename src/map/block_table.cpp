@@ -20,7 +20,8 @@ void BlockTable::begin_frame(BlockCoordinates camera) {
 }
 
 std::size_t BlockTable::home_slot(BlockCoordinates at) const {
-  // Each axis is multiplied by an odd number of its own; the high bits, which every input bit reaches, choose.
+  // Each axis is multiplied by an odd number of its own; the high bits, which every input bit reaches,
+  // choose.
   const std::uint64_t mixed = static_cast<std::uint32_t>(at.x) * 0x9e3779b97f4a7c15u ^
                               static_cast<std::uint32_t>(at.y) * 0xc2b2ae3d27d4eb4fu ^
                               static_cast<std::uint32_t>(at.z) * 0x165667b19e3779f9u;
@@ -33,7 +34,9 @@ std::size_t BlockTable::slot_of(BlockCoordinates at) const {
   return slot;
 }
 
-int BlockTable::find(BlockCoordinates at) const { return slots_.empty() ? kNone : slots_[slot_of(at)] - 1; }
+int BlockTable::find(BlockCoordinates at) const {
+  return slots_.empty() ? kNone : slots_[slot_of(at)] - 1;
+}
 
 int BlockTable::find_or_add(BlockCoordinates at, std::uint32_t anchor_keyframe) {
   std::size_t slot = slot_of(at);
@@ -86,7 +89,8 @@ void BlockTable::evict_farther_than(std::int64_t distance2) {
   const auto farther = [](const Candidate& a, const Candidate& b) {
     return std::tuple(-a.distance2, a.index) < std::tuple(-b.distance2, b.index);
   };
-  std::ranges::nth_element(candidates_.first(count), candidates_.begin() + static_cast<std::ptrdiff_t>(batch), farther);
+  std::ranges::nth_element(candidates_.first(count), candidates_.begin() + static_cast<std::ptrdiff_t>(batch),
+                           farther);
   std::ranges::sort(candidates_.first(batch), farther);
   for (const Candidate& c : candidates_.first(batch)) evict(c.index);
 }
@@ -101,7 +105,8 @@ void BlockTable::evict(int index) {
 }
 
 void BlockTable::erase_slot(std::size_t slot) {
-  // Backward-shift deletion: later entries of the run close the gap, so that no tombstones slow the search down.
+  // Backward-shift deletion: later entries of the run close the gap, so that no tombstones slow the search
+  // down.
   const std::size_t mask = slots_.size() - 1;
   for (std::size_t next = (slot + 1) & mask; slots_[next] != 0; next = (next + 1) & mask) {
     const std::size_t home = home_slot(block(slots_[next] - 1).at);

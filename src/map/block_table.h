@@ -13,10 +13,11 @@ namespace stillmap {
 /// The blocks of the map in memory fixed at start, found by their coordinates through a hash table with open
 /// addressing (linear probing, at most half full). One thread.
 ///
-/// When every block is taken, the blocks farthest from the camera make room: one pass over the headers, at most once
-/// per frame, gives up the farthest sixteenth at once. So an insertion never pays for a scan, and the choice is exact
-/// where a probe of a few blocks would now and then hit one in view. Only blocks farther than the one that asks are
-/// given up; where none is, the asker is refused: a view that does not fit keeps its near part, without thrashing.
+/// When every block is taken, the blocks farthest from the camera make room: one pass over the headers, at
+/// most once per frame, gives up the farthest sixteenth at once. So an insertion never pays for a scan, and
+/// the choice is exact where a probe of a few blocks would now and then hit one in view. Only blocks farther
+/// than the one that asks are given up; where none is, the asker is refused: a view that does not fit keeps
+/// its near part, without thrashing.
 class BlockTable {
  public:
   static constexpr int kNone = -1;
@@ -27,8 +28,8 @@ class BlockTable {
   void begin_frame(BlockCoordinates camera);
   /// The index of the block at `at`, or kNone.
   int find(BlockCoordinates at) const;
-  /// As `find`, and makes an empty block where there is none. kNone, counted, where it is refused. May reuse the index
-  /// of any other block.
+  /// As `find`, and makes an empty block where there is none. kNone, counted, where it is refused. May reuse
+  /// the index of any other block.
   int find_or_add(BlockCoordinates at, std::uint32_t anchor_keyframe);
 
   /// Indices run from 0 to size() - 1 in order of first use; those with `!in_use` are to be skipped.

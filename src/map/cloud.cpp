@@ -22,8 +22,8 @@ struct Cube {
   }
   CloudPoint point(BlockCoordinates at, double voxel_m) const {
     const auto place = [&](std::int32_t block, int sum) {
-      return static_cast<float>((kBlockEdge * static_cast<double>(block) + static_cast<double>(sum) / count + 0.5) *
-                                voxel_m);
+      return static_cast<float>(
+          (kBlockEdge * static_cast<double>(block) + static_cast<double>(sum) / count + 0.5) * voxel_m);
     };
     const auto colour = [&](int sum) { return static_cast<std::uint8_t>((sum + count / 2) / count); };
     return {place(at.x, x), place(at.y, y), place(at.z, z), colour(r), colour(g), colour(b), 255};

@@ -41,4 +41,15 @@ Lens::Lens(const CameraModel& c, const RayTable& rays, bool planning)
   slope_max_y_ = std::sqrt(1 + max_y_ * max_y_);
 }
 
+Lens::PixelRow Lens::pixels_of(const std::array<float, 3>& begin, const std::array<float, 3>& step) const {
+  PixelRow row;
+  for (std::size_t i = 0; i < kRow; ++i) {
+    const float s = static_cast<float>(static_cast<int>(i));
+    const Pixel p = pixel_of(begin[0] + s * step[0], begin[1] + s * step[1], begin[2] + s * step[2]);
+    row.u[i] = p.u;
+    row.v[i] = p.v;
+  }
+  return row;
+}
+
 }  // namespace stillmap

@@ -9,8 +9,8 @@ namespace stillmap {
 
 namespace {
 
-/// Neighbours whose depth differs by more than 1/20 stand on different surfaces; a neighbour without reading says
-/// nothing.
+/// Neighbours whose depth differs by more than 1/20 stand on different surfaces; a neighbour without reading
+/// says nothing.
 int is_step(int raw, int neighbour) {
   return static_cast<int>(neighbour != 0) & static_cast<int>(20 * std::abs(raw - neighbour) > raw);
 }
@@ -20,8 +20,8 @@ int is_step(int raw, int neighbour) {
 MeasuredDepth::MeasuredDepth(Arena& arena, const CameraModel& camera, double max_range_m)
     : camera_(camera),
       max_range_m_(static_cast<float>(max_range_m)),
-      z_m_(arena.take<float>("map_measured_depth",
-                             static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height))) {}
+      z_m_(arena.take<float>("map_measured_depth", static_cast<std::size_t>(camera.width) *
+                                                       static_cast<std::size_t>(camera.height))) {}
 
 void MeasuredDepth::prepare(ImageView<const std::uint16_t> depth, const DynamicMask& mask) {
   // The first and last row stay zero, as the arena gave them.
@@ -35,7 +35,8 @@ void MeasuredDepth::prepare_row(ImageView<const std::uint16_t> depth, int y) {
   const std::uint16_t* below = depth.row(y + 1);
   float* z_m = z_m_.data() + static_cast<std::ptrdiff_t>(y) * camera_.width;
   const float m_per_unit = static_cast<float>(1 / camera_.depth_units_per_m);
-  const float min_m = static_cast<float>(camera_.depth_min_m), max_m = static_cast<float>(camera_.depth_max_m);
+  const float min_m = static_cast<float>(camera_.depth_min_m),
+              max_m = static_cast<float>(camera_.depth_max_m);
   const float max_range_m = max_range_m_;
   const int last = camera_.width - 1;
   // Without branches, so that the compiler does several pixels at once.
@@ -66,7 +67,8 @@ void MeasuredDepth::leave_out(ImageView<const std::uint16_t> depth, const Dynami
   }
 }
 
-void MeasuredDepth::leave_out_in(const Box& region, ImageView<const std::uint16_t> depth, const DynamicMask& mask) {
+void MeasuredDepth::leave_out_in(const Box& region, ImageView<const std::uint16_t> depth,
+                                 const DynamicMask& mask) {
   if (!(region.width() > 0 && region.height() > 0)) return;  // a NaN comes out here, too
   const float w = static_cast<float>(camera_.width), h = static_cast<float>(camera_.height);
   const int x0 = static_cast<int>(std::clamp(std::floor(region.x0), 0.0f, w));

@@ -25,7 +25,8 @@ constexpr std::size_t kVertexBytes = 3 * sizeof(float) + 3;
 /// A file that is written once, front to back. The first failure's errno is kept and the rest is skipped.
 class OutputFile {
  public:
-  explicit OutputFile(const std::string& path) : fd_(open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644)) {
+  explicit OutputFile(const std::string& path)
+      : fd_(open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644)) {
     if (fd_ < 0) error_ = errno;
     buffer_.reserve(kBufferBytes);
   }
@@ -70,9 +71,11 @@ class OutputFile {
 
 Error cannot_write(const std::string& path, int error) {
   const char* mend = "choose another file name with --map";
-  if (error == ENOSPC || error == EDQUOT || error == EFBIG) mend = "free some space or write to another disk with --map";
+  if (error == ENOSPC || error == EDQUOT || error == EFBIG)
+    mend = "free some space or write to another disk with --map";
   if (error == ENOENT || error == ENOTDIR) mend = "create the folder first or choose another one with --map";
-  if (error == EACCES || error == EPERM || error == EROFS) mend = "make the folder writable or choose another one with --map";
+  if (error == EACCES || error == EPERM || error == EROFS)
+    mend = "make the folder writable or choose another one with --map";
   return {ExitCode::RunFailed, path + ": cannot write the map: " + std::strerror(error) + "; " + mend};
 }
 
@@ -103,7 +106,8 @@ Status write_ply(const VoxelMap& map, const std::string& path) {
   const std::string temporary = path + ".tmp";
   OutputFile file(temporary);
   const std::string header =
-      "ply\nformat binary_little_endian 1.0\ncomment Stillmap voxel centres in m, map frame\nelement vertex " +
+      "ply\nformat binary_little_endian 1.0\ncomment Stillmap voxel centres in m, map frame\nelement "
+      "vertex " +
       std::to_string(map.occupied_voxels()) +
       "\nproperty float x\nproperty float y\nproperty float z\n"
       "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n";
@@ -116,7 +120,8 @@ Status write_ply(const VoxelMap& map, const std::string& path) {
     return cannot_write(path, error);
   }
   const std::filesystem::path folder = std::filesystem::path(path).parent_path();
-  if (const int unsynced = sync_folder(folder.empty() ? "." : folder); unsynced != 0) return cannot_write(path, unsynced);
+  if (const int unsynced = sync_folder(folder.empty() ? "." : folder); unsynced != 0)
+    return cannot_write(path, unsynced);
   return {};
 }
 

@@ -8,9 +8,10 @@
 
 namespace stillmap {
 
-/// Writes the occupied voxels as a binary little-endian PLY: float x, y, z (m, map frame) and uchar red, green, blue.
-/// Whole or not at all: written beside `path` as `path`.tmp, synced, then renamed over it. The same map gives the same
-/// bytes. Errors (exit code 1) name the file and the mend. The map's thread, at shutdown and checkpoints; uses the heap.
+/// Writes the occupied voxels as a binary little-endian PLY: float x, y, z (m, map frame) and uchar red,
+/// green, blue. Whole or not at all: written beside `path` as `path`.tmp, synced, then renamed over it. The
+/// same map gives the same bytes. Errors (exit code 1) name the file and the mend. The map's thread, at
+/// shutdown and checkpoints; uses the heap.
 Status write_ply(const VoxelMap& map, const std::string& path);
 
 }  // namespace stillmap

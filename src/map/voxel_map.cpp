@@ -8,7 +8,8 @@ namespace stillmap {
 
 namespace {
 
-/// The far end of the map: voxel coordinates stay well inside 32 bits at any voxel size that the configuration takes.
+/// The far end of the map: voxel coordinates stay well inside 32 bits at any voxel size that the
+/// configuration takes.
 constexpr double kMaxDistance_m = 1e6;
 
 bool is_usable(const Pose& T) {
@@ -75,13 +76,15 @@ FuseOutcome VoxelMap::check(const FuseInput& input) const {
   };
   if (!fits(input.colour) || !fits(input.depth)) return FuseOutcome::WrongSize;
   if (!covers(input.mask, camera_.width, camera_.height)) return FuseOutcome::WrongMask;
-  if (!is_usable(input.T_map_camera_depth) || !is_usable(input.T_map_camera_colour)) return FuseOutcome::WrongPose;
+  if (!is_usable(input.T_map_camera_depth) || !is_usable(input.T_map_camera_colour))
+    return FuseOutcome::WrongPose;
   return FuseOutcome::Fused;
 }
 
 void VoxelMap::mark_points(const FuseInput& input, std::uint16_t frame_mark) {
   const Vec3 t = (1 / config_.voxel_m) * input.T_map_camera_depth.t;
-  table_.begin_frame(block_of(static_cast<std::int32_t>(std::floor(t.x)), static_cast<std::int32_t>(std::floor(t.y)),
+  table_.begin_frame(block_of(static_cast<std::int32_t>(std::floor(t.x)),
+                              static_cast<std::int32_t>(std::floor(t.y)),
                               static_cast<std::int32_t>(std::floor(t.z))));
   const std::span<const float> z_m = measured_.z_m();
   std::uint64_t points = 0, distinct = 0;
@@ -103,8 +106,12 @@ void VoxelMap::mark_points(const FuseInput& input, std::uint16_t frame_mark) {
       if (index == BlockTable::kNone) continue;
       ++points;
       Voxel& voxel = table_.voxels(index)[place_in_block(row_x_[x], row_y_[x], row_z_[x])];
-      distinct += static_cast<std::uint64_t>(voxel.last_hit != frame_mark);
-      voxel.last_hit = frame_mark;
+      if (voxel.last_hit != frame_mark) {
+        voxel.last_hit = frame_mark;
+        voxel.points = 0;
+        ++distinct;
+      }
+      voxel.points = static_cast<std::uint8_t>(voxel.points + (voxel.points < 255));
     }
   }
   if (distinct == 0) return;
@@ -113,7 +120,8 @@ void VoxelMap::mark_points(const FuseInput& input, std::uint16_t frame_mark) {
 }
 
 void VoxelMap::place_row(int y, const Pose& T_map_camera) {
-  // In voxels from the camera's own voxel, so that single precision serves however far the camera is from the origin.
+  // In voxels from the camera's own voxel, so that single precision serves however far the camera is from the
+  // origin.
   const double per_voxel = 1 / config_.voxel_m;
   const Vec3 t = per_voxel * T_map_camera.t;
   const Vec3 base = {std::floor(t.x), std::floor(t.y), std::floor(t.z)};
@@ -138,12 +146,14 @@ void VoxelMap::place_row(int y, const Pose& T_map_camera) {
 
 Occupancy VoxelMap::at(Vec3 p) const {
   // Refuses NaN as well.
-  const bool near = std::abs(p.x) < kMaxDistance_m && std::abs(p.y) < kMaxDistance_m && std::abs(p.z) < kMaxDistance_m;
+  const bool near =
+      std::abs(p.x) < kMaxDistance_m && std::abs(p.y) < kMaxDistance_m && std::abs(p.z) < kMaxDistance_m;
   if (!near) return Occupancy::Unknown;
   const auto voxel = [this](double m) { return static_cast<std::int32_t>(std::floor(m / config_.voxel_m)); };
   const std::int32_t x = voxel(p.x), y = voxel(p.y), z = voxel(p.z);
   const int index = table_.find(block_of(x, y, z));
-  return index == BlockTable::kNone ? Occupancy::Unknown : table_.voxels(index)[place_in_block(x, y, z)].occupancy();
+  return index == BlockTable::kNone ? Occupancy::Unknown
+                                    : table_.voxels(index)[place_in_block(x, y, z)].occupancy();
 }
 
 double VoxelMap::point_reduction() const {

@@ -20,11 +20,12 @@ namespace stillmap {
 /// One posed frame for the map. Nothing is owned: all of it must live through the call.
 struct FuseInput {
   ImageView<const Bgr> colour;
-  ImageView<const std::uint16_t> depth;  ///< registered to colour, in the camera's depth units, 0 = no reading
-  const DynamicMask& mask;               ///< of this frame
-  Pose T_map_camera_depth;               ///< at the depth picture's stamp
-  Pose T_map_camera_colour;              ///< at the colour picture's stamp
-  std::uint32_t anchor_keyframe = 0;     ///< blocks made now are anchored to it
+  ImageView<const std::uint16_t>
+      depth;                          ///< registered to colour, in the camera's depth units, 0 = no reading
+  const DynamicMask& mask;            ///< of this frame
+  Pose T_map_camera_depth;            ///< at the depth picture's stamp
+  Pose T_map_camera_colour;           ///< at the colour picture's stamp
+  std::uint32_t anchor_keyframe = 0;  ///< blocks made now are anchored to it
   std::uint64_t sequence = 0;
 };
 
@@ -43,8 +44,8 @@ struct OccupiedVoxel {
   const Block& block;
 };
 
-/// The map of everything that stands still: voxels in blocks, in memory fixed at start. One thread, the map's own,
-/// calls all of it. Nothing here takes memory from the heap after construction.
+/// The map of everything that stands still: voxels in blocks, in memory fixed at start. One thread, the map's
+/// own, calls all of it. Nothing here takes memory from the heap after construction.
 class VoxelMap {
  public:
   /// `rays` must be of this camera and outlive the map.
@@ -55,8 +56,8 @@ class VoxelMap {
   /// What is known of a point of the map frame, m.
   Occupancy at(Vec3 p_map) const;
 
-  /// Calls `visit(const OccupiedVoxel&)` for each occupied voxel, block by block in order of their first use: the same
-  /// fusions give the same order.
+  /// Calls `visit(const OccupiedVoxel&)` for each occupied voxel, block by block in order of their first use:
+  /// the same fusions give the same order.
   template <class Visitor>
   void for_each_occupied(Visitor&& visit) const {
     for (int i = 0; i < table_.size(); ++i) {
@@ -66,7 +67,8 @@ class VoxelMap {
       for (int v = 0; v < kBlockVoxels; ++v) {
         const Voxel& voxel = voxels[static_cast<std::size_t>(v)];
         if (!voxel.occupied()) continue;
-        visit(OccupiedVoxel{centre_m(block.at.x, v % kBlockEdge), centre_m(block.at.y, v / kBlockEdge % kBlockEdge),
+        visit(OccupiedVoxel{centre_m(block.at.x, v % kBlockEdge),
+                            centre_m(block.at.y, v / kBlockEdge % kBlockEdge),
                             centre_m(block.at.z, v / (kBlockEdge * kBlockEdge)), voxel.colour, block});
       }
     }
@@ -77,9 +79,9 @@ class VoxelMap {
   std::uint64_t occupied_voxels() const { return table_.occupied_voxels(); }
   std::uint64_t blocks_evicted() const { return table_.evicted(); }
   std::uint64_t fused_frames() const { return fused_frames_; }
-  /// Depth readings that one voxel stands for (the seed paper's voxel filter has about 9:1): of each fused frame, its
-  /// mapped readings (in range, not on a silhouette, not on a mover) over the distinct voxels that they lie in; the
-  /// mean over all fused frames that had any. 0 before the first.
+  /// Depth readings that one voxel stands for (the seed paper's voxel filter has about 9:1): of each fused
+  /// frame, its mapped readings (in range, not on a silhouette, not on a mover) over the distinct voxels that
+  /// they lie in; the mean over all fused frames that had any. 0 before the first.
   double point_reduction() const;
   PoolUsage usage() const { return table_.usage(); }
 
