@@ -22,7 +22,7 @@ namespace stillmap {
 ///   otherwise, d < -t: seen through, evidence for free;
 ///   otherwise nothing: behind a surface, or too near it to be sure.
 /// Counting points serves surfaces seen at a grazing angle: a voxel that they cross can have its centre far
-/// before them along the ray. Enough is 15 % of the pixels that the voxel's face would fill: fewer is the
+/// before them along the ray. Enough is 10 % of the pixels that the voxel's face would fill: fewer is the
 /// tail of the noise, which would make far walls twice as thick.
 class BlockFuser {
  public:

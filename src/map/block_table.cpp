@@ -11,12 +11,11 @@ BlockTable::BlockTable(Arena& arena, std::size_t blocks)
     : blocks_(arena.take<Block>("map_blocks", blocks)),
       voxels_(arena.take<Voxel>("map_voxels", blocks * kBlockVoxels)),
       slots_(arena.take<int>("map_hash_slots", std::bit_ceil(2 * blocks))),
-      free_(arena.take<int>("map_free_blocks", blocks)),
       candidates_(arena.take<Candidate>("map_eviction", blocks)) {}
 
 void BlockTable::begin_frame(BlockCoordinates camera) {
   camera_ = camera;
-  evicted_this_frame_ = false;
+  picked_candidates_ = false;
 }
 
 std::size_t BlockTable::home_slot(BlockCoordinates at) const {
@@ -41,24 +40,23 @@ int BlockTable::find(BlockCoordinates at) const {
 int BlockTable::find_or_add(BlockCoordinates at, std::uint32_t anchor_keyframe) {
   std::size_t slot = slot_of(at);
   if (slots_[slot] != 0) return slots_[slot] - 1;
-  const auto full = [this] { return free_count_ == 0 && static_cast<std::size_t>(used_) == blocks_.size(); };
-  if (full() && !evicted_this_frame_) {
-    evict_farther_than(distance2_to_camera(at));
+  int index = used_;
+  if (static_cast<std::size_t>(used_) < blocks_.size()) {
+    ++used_;
+  } else {
+    index = evict_one_farther_than(distance2_to_camera(at));
+    if (index == kNone) {
+      ++refused_;
+      return kNone;
+    }
     slot = slot_of(at);  // evicting moves entries
   }
-  if (full()) {
-    ++refused_;
-    return kNone;
-  }
-  const int index = free_count_ > 0 ? free_[static_cast<std::size_t>(--free_count_)] : used_++;
   Block& made = blocks_[static_cast<std::size_t>(index)];
   made = {};
   made.at = at;
   made.anchor_keyframe = anchor_keyframe;
-  made.in_use = true;
   std::ranges::fill(voxels(index), Voxel{});
   slots_[slot] = index + 1;
-  high_water_ = std::max<std::uint64_t>(high_water_, blocks_used());
   return index;
 }
 
@@ -77,31 +75,30 @@ std::int64_t BlockTable::distance2_to_camera(BlockCoordinates at) const {
   return x * x + y * y + z * z;
 }
 
-void BlockTable::evict_farther_than(std::int64_t distance2) {
-  evicted_this_frame_ = true;
-  std::size_t count = 0;
-  for (int i = 0; i < used_; ++i) {
-    const std::int64_t d2 = distance2_to_camera(block(i).at);
-    if (block(i).in_use && d2 > distance2) candidates_[count++] = {d2, i};
-  }
-  const std::size_t batch = std::min(count, std::max<std::size_t>(1, blocks_.size() / 16));
+void BlockTable::pick_candidates() {
+  picked_candidates_ = true;
+  next_candidate_ = 0;
+  for (int i = 0; i < used_; ++i)
+    candidates_[static_cast<std::size_t>(i)] = {distance2_to_camera(block(i).at), i};
+  candidate_count_ = std::max<std::size_t>(1, blocks_.size() / 16);
   // Ties go by index, so that the same run evicts the same blocks everywhere.
   const auto farther = [](const Candidate& a, const Candidate& b) {
     return std::tuple(-a.distance2, a.index) < std::tuple(-b.distance2, b.index);
   };
-  std::ranges::nth_element(candidates_.first(count), candidates_.begin() + static_cast<std::ptrdiff_t>(batch),
-                           farther);
-  std::ranges::sort(candidates_.first(batch), farther);
-  for (const Candidate& c : candidates_.first(batch)) evict(c.index);
+  const auto end = candidates_.begin() + static_cast<std::ptrdiff_t>(candidate_count_);
+  std::nth_element(candidates_.begin(), end, candidates_.end(), farther);
+  std::sort(candidates_.begin(), end, farther);
 }
 
-void BlockTable::evict(int index) {
-  Block& b = blocks_[static_cast<std::size_t>(index)];
-  erase_slot(slot_of(b.at));
-  occupied_voxels_ -= b.occupied;
-  b = {};
-  free_[static_cast<std::size_t>(free_count_++)] = index;
+int BlockTable::evict_one_farther_than(std::int64_t distance2) {
+  if (!picked_candidates_) pick_candidates();
+  if (next_candidate_ == candidate_count_ || candidates_[next_candidate_].distance2 <= distance2)
+    return kNone;
+  const int index = candidates_[next_candidate_++].index;
+  erase_slot(slot_of(block(index).at));
+  occupied_voxels_ -= block(index).occupied;
   ++evicted_;
+  return index;
 }
 
 void BlockTable::erase_slot(std::size_t slot) {

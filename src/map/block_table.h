@@ -13,11 +13,12 @@ namespace stillmap {
 /// The blocks of the map in memory fixed at start, found by their coordinates through a hash table with open
 /// addressing (linear probing, at most half full). One thread.
 ///
-/// When every block is taken, the blocks farthest from the camera make room: one pass over the headers, at
-/// most once per frame, gives up the farthest sixteenth at once. So an insertion never pays for a scan, and
-/// the choice is exact where a probe of a few blocks would now and then hit one in view. Only blocks farther
-/// than the one that asks are given up; where none is, the asker is refused: a view that does not fit keeps
-/// its near part, without thrashing.
+/// When every block is taken, a new one takes the place of the block farthest from the camera. One pass over
+/// the headers, at most once per frame and only when it is needed, picks the farthest sixteenth of all
+/// blocks, and the frame's new blocks use these up in turn: an insertion never pays for a scan, and the
+/// choice is exact where a probe of a few blocks would now and then hit one in view. A block only gives way
+/// to a nearer one, else the new one is refused: a view that does not fit keeps its near part, without
+/// thrashing.
 class BlockTable {
  public:
   static constexpr int kNone = -1;
@@ -32,7 +33,7 @@ class BlockTable {
   /// the index of any other block.
   int find_or_add(BlockCoordinates at, std::uint32_t anchor_keyframe);
 
-  /// Indices run from 0 to size() - 1 in order of first use; those with `!in_use` are to be skipped.
+  /// Blocks in use have the indices 0 to size() - 1.
   int size() const { return used_; }
   const Block& block(int index) const { return blocks_[static_cast<std::size_t>(index)]; }
   std::span<Voxel, kBlockVoxels> voxels(int index) {
@@ -46,9 +47,9 @@ class BlockTable {
 
   std::uint64_t occupied_voxels() const { return occupied_voxels_; }
   std::uint64_t evicted() const { return evicted_; }
-  /// Blocks in use at most so far, and how often one was refused.
-  PoolUsage usage() const { return {"map_blocks", blocks_.size(), high_water_, refused_}; }
-  std::size_t blocks_used() const { return static_cast<std::size_t>(used_ - free_count_); }
+  /// Blocks never fall out of use, they are taken over; `refused` counts how often there was none to take.
+  PoolUsage usage() const { return {"map_blocks", blocks_.size(), blocks_used(), refused_}; }
+  std::size_t blocks_used() const { return static_cast<std::size_t>(used_); }
 
  private:
   struct Candidate {
@@ -61,18 +62,19 @@ class BlockTable {
   std::size_t slot_of(BlockCoordinates at) const;
   void erase_slot(std::size_t slot);
   std::int64_t distance2_to_camera(BlockCoordinates at) const;
-  void evict_farther_than(std::int64_t distance2);
-  void evict(int index);
+  void pick_candidates();
+  /// The index of the block that gave way, or kNone.
+  int evict_one_farther_than(std::int64_t distance2);
 
   std::span<Block> blocks_;
   std::span<Voxel> voxels_;
-  std::span<int> slots_;  // index + 1 of a block, 0 = empty; a power of two
-  std::span<int> free_;   // stack of indices given up and not yet taken again
-  std::span<Candidate> candidates_;
-  int used_ = 0, free_count_ = 0;
+  std::span<int> slots_;             // index + 1 of a block, 0 = empty; a power of two
+  std::span<Candidate> candidates_;  // of this frame, farthest first
+  int used_ = 0;
   BlockCoordinates camera_;
-  bool evicted_this_frame_ = false;
-  std::uint64_t occupied_voxels_ = 0, evicted_ = 0, refused_ = 0, high_water_ = 0;
+  bool picked_candidates_ = false;
+  std::size_t next_candidate_ = 0, candidate_count_ = 0;
+  std::uint64_t occupied_voxels_ = 0, evicted_ = 0, refused_ = 0;
 };
 
 }  // namespace stillmap

@@ -9,10 +9,22 @@ namespace stillmap {
 
 namespace {
 
-/// Neighbours whose depth differs by more than 1/20 stand on different surfaces; a neighbour without reading
-/// says nothing.
-int is_step(int raw, int neighbour) {
-  return static_cast<int>(neighbour != 0) & static_cast<int>(20 * std::abs(raw - neighbour) > raw);
+/// How a reading relates to its four neighbours.
+struct Edge {
+  int nearest;  ///< the least of them that there is
+  int is_step;  ///< 1 where one differs by more than 1/20: it stands on another surface
+};
+
+/// Without branches, so that the compiler does several pixels at once. A neighbour without reading says
+/// nothing.
+Edge edge_at(int raw, int left, int right, int above, int below) {
+  Edge edge{raw, 0};
+  for (const int neighbour : {left, right, above, below}) {
+    const int there = neighbour != 0 ? neighbour : raw;
+    edge.nearest = there < edge.nearest ? there : edge.nearest;
+    edge.is_step |= static_cast<int>(20 * std::abs(raw - there) > raw);
+  }
+  return edge;
 }
 
 }  // namespace
@@ -24,30 +36,32 @@ MeasuredDepth::MeasuredDepth(Arena& arena, const CameraModel& camera, double max
                                                        static_cast<std::size_t>(camera.height))) {}
 
 void MeasuredDepth::prepare(ImageView<const std::uint16_t> depth, const DynamicMask& mask) {
-  // The first and last row stay zero, as the arena gave them.
-  for (int y = 1; y + 1 < camera_.height; ++y) prepare_row(depth, y);
+  for (int y = 0; y < camera_.height; ++y) prepare_row(depth, y);
   if (mask.rule != DynamicRule::Off) leave_out(depth, mask);
 }
 
 void MeasuredDepth::prepare_row(ImageView<const std::uint16_t> depth, int y) {
-  const std::uint16_t* above = depth.row(y - 1);
+  const std::uint16_t* above = depth.row(std::max(y - 1, 0));
   const std::uint16_t* here = depth.row(y);
-  const std::uint16_t* below = depth.row(y + 1);
+  const std::uint16_t* below = depth.row(std::min(y + 1, camera_.height - 1));
   float* z_m = z_m_.data() + static_cast<std::ptrdiff_t>(y) * camera_.width;
   const float m_per_unit = static_cast<float>(1 / camera_.depth_units_per_m);
   const float min_m = static_cast<float>(camera_.depth_min_m),
               max_m = static_cast<float>(camera_.depth_max_m);
   const float max_range_m = max_range_m_;
   const int last = camera_.width - 1;
-  // Without branches, so that the compiler does several pixels at once.
-  for (int x = 1; x < last; ++x) {
-    const int raw = here[x];
-    const float z = static_cast<float>(raw) * m_per_unit;
-    const int bad = is_step(raw, here[x - 1]) | is_step(raw, here[x + 1]) | is_step(raw, above[x]) |
-                    is_step(raw, below[x]) | static_cast<int>(z < min_m) | static_cast<int>(z > max_m);
-    const float signed_z = z > max_range_m ? -z : z;
-    z_m[x] = bad != 0 ? 0 : signed_z;
-  }
+  const auto measure = [=](int x, int left, int right) {
+    const Edge edge = edge_at(here[x], here[left], here[right], above[x], below[x]);
+    const float z = static_cast<float>(here[x]) * m_per_unit,
+                near = static_cast<float>(edge.nearest) * m_per_unit;
+    const int trusted = static_cast<int>(z >= min_m) & static_cast<int>(z <= max_m);
+    const int mapped = static_cast<int>(z <= max_range_m) & (1 - edge.is_step);
+    const float signed_z = mapped != 0 ? z : -near;
+    z_m[x] = trusted != 0 ? signed_z : 0;
+  };
+  measure(0, 0, 1);
+  for (int x = 1; x < last; ++x) measure(x, x - 1, x + 1);
+  measure(last, last - 1, last);
 }
 
 void MeasuredDepth::leave_out(ImageView<const std::uint16_t> depth, const DynamicMask& mask) {

@@ -13,11 +13,11 @@ namespace stillmap {
 
 /// What one depth picture says along the ray of each pixel, boiled down to a number z in m:
 ///   z > 0  something still stands at depth z;
-///   z < 0  the ray is free up to |z|, and what stands there is not mapped: a mover, or beyond the map's
-///   range; z = 0  nothing: no reading, one out of the trusted range, or one on a depth silhouette. There a
-///   reading is a mix
-///          of the near and the far surface and belongs to neither. The picture's outermost pixels count as
-///          such.
+///   z < 0  the ray is free up to |z|, and what stands there is not mapped: a mover; beyond the map's range;
+///   or a depth
+///          silhouette, where a reading mixes the near and the far surface and belongs to neither (|z| is the
+///          near one);
+///   z = 0  nothing: no reading, or one out of the trusted range.
 /// One thread.
 class MeasuredDepth {
  public:

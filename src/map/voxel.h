@@ -51,7 +51,6 @@ struct Block {
   std::uint64_t changed_sequence =
       0;                       ///< frame that last changed what the block shows: occupied voxels or colours
   std::uint16_t occupied = 0;  ///< occupied voxels
-  bool in_use = false;
 };
 
 }  // namespace stillmap

@@ -63,7 +63,7 @@ FuseOutcome VoxelMap::fuse(const FuseInput& input) {
                      config_.max_range_m, frame_mark);
   for (int i = 0; i < table_.size(); ++i) {
     const Block& block = table_.block(i);
-    if (!block.in_use || !fuser_.in_view(block.at)) continue;
+    if (!fuser_.in_view(block.at)) continue;
     const BlockFuser::Change change = fuser_.fuse(block.at, table_.voxels(i));
     table_.note_fused(i, input.sequence, change.shown, change.occupied);
   }

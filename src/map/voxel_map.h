@@ -56,8 +56,8 @@ class VoxelMap {
   /// What is known of a point of the map frame, m.
   Occupancy at(Vec3 p_map) const;
 
-  /// Calls `visit(const OccupiedVoxel&)` for each occupied voxel, block by block in order of their first use:
-  /// the same fusions give the same order.
+  /// Calls `visit(const OccupiedVoxel&)` for each occupied voxel, block by block in the order of their
+  /// memory: the same fusions give the same order.
   template <class Visitor>
   void for_each_occupied(Visitor&& visit) const {
     for (int i = 0; i < table_.size(); ++i) {
