@@ -33,6 +33,7 @@ LOW, FULL, CLIP = 90.0, 120.0, 20.0
 # A cell of 8 x 8 pixels is empty below EMPTY of its pixels, and fully occupied from OCCUPIED on. Reflective stripes
 # are no vest colour, so the latter is well below 1.
 EMPTY, OCCUPIED = 0.15, 0.45
+RIM = 0.5  # what an occupied cell outside the window takes from the logit
 REACH = 17  # cells looked at to each side
 
 
@@ -133,9 +134,12 @@ def head_layers(net):
             weights.append(k * distance / 32 / sigma_sq)
             bias.append((k * margin_px / 32 - k * k / 2) / sigma_sq)
     net.conv("reach", "reg_32", -62, 66, np.array(weights).reshape(4 * BINS, 4, 1, 1), bias)
-    # A person is where a few cells around are occupied: the logit rises from -6 by 4 a cell, up to 4. The
-    # window is wider than the stride, or a far vest would slip between two of them.
-    net.conv("cells", "cls_32", NEVER, 4, np.full((1, 1, 5, 5), 4.0), -6, stride=4, pad=2)
+    # A person is where a few cells around are occupied: the logit rises from -6 by 4 a cell, up to 4. The window of
+    # 5 x 5 cells is wider than the stride, or a far vest would slip between two of them. Occupied cells around the
+    # window count against it: at a big vest's rim there are others that see the whole of it better.
+    here = np.full((1, 1, 13, 13), -RIM)
+    here[:, :, 4:9, 4:9] = 4
+    net.conv("cells", "cls_32", NEVER, 4, here, -6, stride=4, pad=6)
     for stride in STRIDES:
         if stride != 32:
             net.conv("cells", f"cls_{stride}", NEVER, 4, np.zeros((1, 1, 1, 1)), NEVER, stride=stride // 8)

@@ -105,7 +105,7 @@ class DemoModelTest(unittest.TestCase):
         figures = covered = frames = frames_with_false = 0
         for seed, path in ((1, "orbit"), (2, "walk"), (3, "rotate")):
             log = self.path / path
-            subprocess.run([SYNTH, "--out", log, "--seed", str(seed), "--path", path, "--frames", "75"], check=True)
+            subprocess.run([SYNTH, "--out", log, "--seed", str(seed), "--path", path, "--frames", "60"], check=True)
             for file in sorted((log / "rgb").iterdir())[::3]:
                 mask = cv2.imread(str(log / "mask" / (file.stem + ".png")), cv2.IMREAD_UNCHANGED)
                 boxes = self.detector.boxes(cv2.imread(str(file)))

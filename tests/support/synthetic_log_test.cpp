@@ -10,6 +10,8 @@
 #include <map>
 #include <sstream>
 
+#include "core/config.h"
+
 namespace stillmap::synthetic {
 namespace {
 
@@ -118,6 +120,25 @@ TEST_P(EveryPath, PeopleWalkThrough) {
   EXPECT_LT(most, 0.6);
   EXPECT_GT(pixels_of[1], 5000);
   EXPECT_GT(pixels_of[2], 5000);
+}
+
+TEST(SyntheticLog, ShippedProfilesFitIt) {
+  const std::string folder = STILLMAP_SOURCE_DIR "/firmware-config/";
+  const std::vector<std::string> files{folder + "cameras/synthetic.toml", folder + "classes/vest.toml",
+                                       folder + "demo.toml"};
+  const Result<LoadedConfig> loaded = load_config(files, {});
+  ASSERT_TRUE(loaded.ok()) << loaded.error().message;
+  const CameraModel profile = loaded.value().config.camera, camera = SyntheticLog::camera();
+  EXPECT_EQ(profile.width, camera.width);
+  EXPECT_EQ(profile.height, camera.height);
+  EXPECT_EQ(profile.fx, camera.fx);
+  EXPECT_EQ(profile.fy, camera.fy);
+  EXPECT_EQ(profile.cx, camera.cx);
+  EXPECT_EQ(profile.cy, camera.cy);
+  EXPECT_EQ(profile.depth_units_per_m, camera.depth_units_per_m);
+  EXPECT_EQ(profile.depth_noise_m_at_1m, camera.depth_noise_m_at_1m);
+  EXPECT_THAT(loaded.value().config.classes.names, testing::ElementsAre("person"));
+  EXPECT_THAT(loaded.value().config.classes.dynamic, testing::ElementsAre("person"));
 }
 
 TEST(SyntheticLog, NobodyWithoutPeople) {
