@@ -25,9 +25,10 @@ void set_text(char (&field)[N], const char (&text)[M]) {
 
 google_protobuf_Timestamp timestamp(Nanoseconds t) {
   constexpr Nanoseconds kSecond = 1'000'000'000;
+  const Nanoseconds seconds = t / kSecond, rest = t % kSecond;
   // A Timestamp's nanos count forward from its seconds, also before the epoch.
-  const Nanoseconds nanos = (t % kSecond + kSecond) % kSecond;
-  return {(t - nanos) / kSecond, static_cast<std::int32_t>(nanos)};
+  if (rest < 0) return {seconds - 1, static_cast<std::int32_t>(rest + kSecond)};
+  return {seconds, static_cast<std::int32_t>(rest)};
 }
 
 foxglove_Vector3 vector3(Vec3 v) {

@@ -122,8 +122,9 @@ void WebServer::service(int timeout_ms) {
   give_up_on_the_overdue();
   manage_cloud();
   for (Slot& slot : slots_) {
-    if (slot.socket != nullptr && (stopping_ || slot.session.has_pending(feed_)))
-      lws_callback_on_writable(slot.socket);
+    if (slot.socket == nullptr) continue;
+    Counters::add(counters_.messages_dropped, slot.session.drop_outdated(feed_));
+    if (stopping_ || slot.session.has_pending(feed_)) lws_callback_on_writable(slot.socket);
   }
   // The library takes no timeout of its own (0 is until something happens, less is not at all): a timer wakes
   // it.

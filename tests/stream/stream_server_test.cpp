@@ -6,6 +6,7 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include <cstring>
 #include <string>
 
 namespace stillmap {
@@ -48,6 +49,21 @@ std::string serve_until(StreamServer& server, int fd, const std::string& expecte
 
 void send_all(int fd, const std::string& text) {
   for (int i = 0; i < 2000 && send(fd, text.data(), text.size(), MSG_NOSIGNAL) < 0; ++i) usleep(500);
+}
+
+std::string shake_hands(StreamServer& server, int fd) {
+  send_all(
+      fd,
+      "GET / HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: "
+      "13\r\n"
+      "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Protocol: foxglove.websocket.v1\r\n\r\n");
+  return serve_until(server, fd, "}]}");
+}
+
+void send_message(int fd, const std::string& text) {
+  ASSERT_LT(text.size(), 126U);
+  std::string frame = {'\x81', static_cast<char>(0x80 | text.size()), 0, 0, 0, 0};  // masked by zeros
+  send_all(fd, frame += text);
 }
 
 TEST(StreamServer, PlansWhatItTakesAndOpensNothingWhilePlanning) {
@@ -112,13 +128,9 @@ TEST(StreamServer, ServesHttpAndWebSocketFromOneThread) {
   close(http);
 
   const int client = connect_to(server.port());
-  send_all(
-      client,
-      "GET / HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: "
-      "13\r\n"
-      "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Protocol: foxglove.websocket.v1\r\n\r\n");
-  EXPECT_NE(serve_until(server, client, "foxglove.PointCloud").find("s3pPLMBiTxaQ9kYGzzhZRbK+xOo="),
-            std::string::npos);
+  const std::string greeting = shake_hands(server, client);
+  EXPECT_NE(greeting.find("s3pPLMBiTxaQ9kYGzzhZRbK+xOo="), std::string::npos);
+  EXPECT_NE(greeting.find("foxglove.PointCloud"), std::string::npos);
   EXPECT_EQ(server.stats().clients, 1U);
   const std::optional<Event> came = server.events().try_pop();
   ASSERT_TRUE(came.has_value());
@@ -126,12 +138,8 @@ TEST(StreamServer, ServesHttpAndWebSocketFromOneThread) {
   EXPECT_EQ(came->a, 1);
 
   EXPECT_FALSE(server.cloud_wanted());
-  const std::string subscribe =
-      R"({"op":"subscribe","subscriptions":[{"id":1,"channelId":3},{"id":2,"channelId":2}]})";
-  ASSERT_LT(subscribe.size(), 126U);
-  std::string frame = {'\x81', static_cast<char>(0x80 | subscribe.size()), 0, 0, 0, 0};  // masked by zeros
-  frame += subscribe;
-  send_all(client, frame);
+  send_message(client,
+               R"({"op":"subscribe","subscriptions":[{"id":1,"channelId":3},{"id":2,"channelId":2}]})");
   for (int i = 0; i < 2000 && !server.cloud_wanted(); ++i) {
     server.service(0);
     usleep(500);
@@ -151,6 +159,29 @@ TEST(StreamServer, ServesHttpAndWebSocketFromOneThread) {
   EXPECT_EQ(server.stats().clients, 0U);
   EXPECT_EQ(server.stats().clients_peak, 1U);
   server.stop();
+}
+
+TEST(StreamServer, AClientThatStopsReadingMissesPosesAndGoesOnWithTheNewest) {
+  Arena arena(planned_bytes());
+  StreamServer server(stream_config(), arena);
+  ASSERT_TRUE(server.open().ok());
+  const int client = connect_to(server.port());
+  shake_hands(server, client);
+  send_message(client, R"({"op":"subscribe","subscriptions":[{"id":1,"channelId":1}]})");
+  constexpr int kPoses = 50'000;  // more than the kernel holds for both sides
+  for (int i = 1; i <= kPoses; ++i) {
+    server.publish_pose({.stamp_ns = i});
+    server.service(0);
+  }
+  const StreamStats stats = server.stats();
+  EXPECT_GT(stats.messages_dropped, kPoses / 2);
+  EXPECT_LE(stats.messages_dropped + stats.messages_sent, kPoses + 2U);  // 2: the greeting
+  EXPECT_GE(stats.messages_dropped + stats.messages_sent + 32, kPoses);
+  const Nanoseconds last = kPoses;
+  std::string stamp(sizeof(last), '\0');
+  std::memcpy(stamp.data(), &last, sizeof(last));
+  EXPECT_NE(serve_until(server, client, stamp).find(stamp), std::string::npos);
+  close(client);
 }
 
 TEST(StreamServer, PosesThatNobodyServesAreCountedNotKept) {

@@ -206,7 +206,7 @@ test("the map comes whole on subscribing, then at most once a second, and an unc
     if (i > 1) assert.ok(clouds[i].time - clouds[i - 1].time > 800, `${clouds[i].time - clouds[i - 1].time} ms`);
   }
   server.stdin.write("freeze\n");
-  await sleep(300);  // what was under way arrives
+  await sleep(1500);  // what was under way arrives, and the buffer is offered again
   const before = c.count("/map");
   const late = connect();
   await late.ready();
