@@ -124,6 +124,11 @@ TEST(NanodetDecoder, NeverMakesABoxOfWhatIsNotANumber) {
     EXPECT_TRUE(decode(outputs).empty());
   }
   for (const float bad : {kNan, kInf, -kInf}) {
+    Outputs outputs(2);
+    outputs.put(0, 1, 20, 16, bad, {2, 2, 2, 2});
+    EXPECT_TRUE(decode(outputs).empty()) << bad;
+  }
+  for (const float bad : {kNan, kInf, -kInf}) {
     for (int k = 0; k < 8; ++k) {
       Outputs outputs(2);
       outputs.put(0, 1, 20, 16, 3.0f, {2, 2, 2, 2});

@@ -42,6 +42,15 @@ TEST(MainDepth, IsThePersonBehindADeskThatGoesOn) {
   EXPECT_TRUE(holds(main_depth_of(scene, {250, 50, 390, 420}), 2550));
 }
 
+TEST(MainDepth, IsThePersonInADoorwayWithABiggerRoomBehind) {
+  test::Scene scene;
+  scene.wall(6000);
+  scene.body(270, 100, 370, 400, 2800);
+  scene.paint(0, 0, 200, 480, [](int, int) { return 3500; });
+  scene.paint(440, 0, 640, 480, [](int, int) { return 3500; });
+  EXPECT_TRUE(holds(main_depth_of(scene, {200, 20, 440, 460}), 2850));
+}
+
 TEST(MainDepth, IsTheBiggestHeapWhereNothingStandsOut) {
   test::Scene scene;
   scene.wall(2000);

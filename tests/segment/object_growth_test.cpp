@@ -63,10 +63,10 @@ TEST(ObjectGrowth, TakesPartsCutOffByWhatStandsBefore) {
   test::Scene scene;
   scene.wall(3500);
   scene.body(260, 60, 380, 440, 2200);
-  scene.paint(0, 300, 640, 340, [](int, int) { return 1200; });  // a table's edge across the body
+  scene.paint(0, 350, 640, 390, [](int, int) { return 1200; });  // a table's edge, below the core
   const Box box{250, 50, 390, 450};
-  EXPECT_GT(share_taken(scene, box, {2100, 2350}, {270, 344, 370, 440}), 0.95);
-  EXPECT_LT(share_taken(scene, box, {2100, 2350}, {250, 304, 390, 336}), 0.02);
+  EXPECT_GT(share_taken(scene, box, {2100, 2350}, {270, 394, 370, 440}), 0.95);
+  EXPECT_LT(share_taken(scene, box, {2100, 2350}, {250, 354, 390, 386}), 0.02);
 }
 
 TEST(ObjectGrowth, TakesTheHolesThatTouchIt) {

@@ -107,6 +107,15 @@ TEST(Segment, TwoPeopleOneBehindTheOther) {
   EXPECT_EQ(share(*mask, scene, Label::Static, 205, 428, 280, 470), 1);
   EXPECT_EQ(mask->cell_at(250, 200).object, 0);
   EXPECT_EQ(mask->cell_at(400, 200).object, 1);
+  EXPECT_EQ(mask->cell_at(290, 200).object, 1) << "the nearer of two in one cell";
+  EXPECT_EQ(mask_of(scene, {box_of(285, 35, 435, 465), box_of(195, 55, 345, 425)})->cell_at(290, 200).object,
+            0);
+}
+
+TEST(Segment, CatchesTheHeadThatTheBoxCutOff) {
+  const test::Scene scene = person_before_wall();
+  const auto mask = mask_of(scene, {box_of(250, 130, 390, 410)});
+  EXPECT_EQ(share(*mask, scene, Label::Dynamic, 270, 102, 370, 130), 1);
 }
 
 TEST(Segment, APersonBeforeAScreenIsAPerson) {
