@@ -25,6 +25,7 @@ struct MapPoint {
   std::uint16_t visible = 0, found = 0;  ///< frames that should have seen it, frames that did
   std::uint32_t id = 0;                  ///< never used twice, so that a stale index is noticed
   std::uint32_t first_keyframe = 0;
+  Nanoseconds made_ns = 0;  ///< stamp of the frame that it was made from
   std::uint64_t last_found_sequence = 0;
 };
 

@@ -60,6 +60,7 @@ MapPoint MapBuilder::new_point(const PosedFeatures& posed, std::size_t feature, 
   point.reference_octave = f.octave;
   point.visible = point.found = 1;
   point.last_found_sequence = posed.sequence;
+  point.made_ns = posed.stamp_ns;
   return point;
 }
 

@@ -21,19 +21,26 @@ constexpr double kCornerSigma_px = 0.8;
 // A point is trusted in full after this many looks; before, it may sit on something that has only just come in.
 constexpr double kLooksToTrust = 6;
 constexpr double kLeastWeight = 0.15;
-// A suspect point has proved that it stands still after this many looks, if it was found in this share of them.
-constexpr int kLooksToProve = 12;
-constexpr double kFoundToProve = 0.7;
+// A suspect point has proved that it stands still when it was found again in its place after this long, a walker's step,
+// and in this share of the looks.
+constexpr Nanoseconds kTimeToProve_ns = 400'000'000;
+constexpr int kLooksToProve = 3;
+constexpr double kFoundToProve = 0.6;
 // A point of the still world that was found this often vouches for a feature that the mask holds for a mover's.
 constexpr int kLooksToVouch = 4;
 constexpr double kVouchedWeight = 0.4;
+constexpr double kAdmittedWeight = 0.1;  // of what a starved tracker must lean on
 
-/// How much a match says about the camera (0: nothing, but the match is tested against the pose).
-double weight_of(const MapPoint& point, Label label) {
+/// How much a match says about the camera (0: nothing, but the match is tested against the pose). `starved`: nearly
+/// nothing else is left, so what is neither proved nor disproved is admitted too.
+double weight_of(const MapPoint& point, Label label, Nanoseconds stamp_ns, bool starved) {
+  const double unproved = starved ? kAdmittedWeight : 0;
   if (point.suspect) {
-    return point.found >= kLooksToProve && point.found >= kFoundToProve * point.visible ? kVouchedWeight : 0;
+    const bool proved = stamp_ns - point.made_ns >= kTimeToProve_ns && point.found >= kLooksToProve &&
+                        point.found >= kFoundToProve * point.visible;
+    return proved ? kVouchedWeight : unproved;
   }
-  if (label == Label::Dynamic || label == Label::Unknown) return point.found >= kLooksToVouch ? kVouchedWeight : 0;
+  if (label == Label::Dynamic || label == Label::Unknown) return point.found >= kLooksToVouch ? kVouchedWeight : unproved;
   return std::clamp(point.found / kLooksToTrust, kLeastWeight, 1.0);
 }
 
@@ -56,6 +63,7 @@ Tracker::Tracker(Arena& arena, const Config& config)
       builder_(config.track, config.camera),
       relocalizer_(arena, config.track, config.camera),
       semi_static_(arena, config.track, config.camera, kFeatureCapacity),
+      motion_(arena, config.camera, kFeatureCapacity),
       matches_(arena.take<FeatureMatch>("matches", kFeatureCapacity)),
       observations_(arena.take<PoseObservation>("pose_observations", kFeatureCapacity)),
       observed_feature_(arena.take<std::uint16_t>("pose_observations.feature", kFeatureCapacity)) {
@@ -106,11 +114,14 @@ const TrackingResult& Tracker::track(const FrameSlot& slot, const DynamicMask& m
     history_[0] = {slot.colour_ns, result_.T_odom_camera};
     history_size_ = std::min(history_size_ + 1, 2);
     if (!result_.is_keyframe) {
+      if (config_.track.dynamic_rule == DynamicRule::Silhouette) motion_.relabel(frame_, matches(), slot.colour_ns, result_.T_odom_camera, extractor_);
       builder_.refine_points(map_, posed(slot), extractor_);
       matcher_.count_visible(map_, slot.depth);
       if (wants_keyframe()) insert_keyframe(slot);
     }
+    motion_.remember(frame_, slot.colour_ns, result_.T_odom_camera);
   } else {
+    motion_.clear();
     history_size_ = std::min(history_size_, 1);
   }
   semi_static_.remember(frame_, matches());
@@ -135,8 +146,11 @@ void Tracker::start_map(const FrameSlot& slot) {
 
 bool Tracker::localize(const FrameSlot& slot, const Pose& T_odom_camera_predicted) {
   const bool was_lost = result_.state == TrackState::Lost;
+  starved_ = false;
   bool found = !was_lost && match_and_solve(kAroundPrediction, T_odom_camera_predicted);
   if (!found && !was_lost) found = match_and_solve(kWide, T_odom_camera_predicted);
+  starved_ = !found && !was_lost;
+  if (starved_) found = match_and_solve(kAroundPrediction, T_odom_camera_predicted);
   if (!found) found = relocalize();
   if (!found) return false;
 
@@ -165,7 +179,7 @@ bool Tracker::match_and_solve(const SearchWindow& window, const Pose& T_odom_cam
       const double sensor = config_.camera.depth_sigma_m(f.depth_m);
       o.sigma_depth_m = std::sqrt(sensor * sensor + variance_along(point, axis));
     }
-    if (config_.track.dynamic_rule == DynamicRule::Silhouette) o.weight = weight_of(point, f.label);
+    if (config_.track.dynamic_rule == DynamicRule::Silhouette) o.weight = weight_of(point, f.label, result_.stamp_ns, starved_);
     observed_feature_[observations_.size()] = static_cast<std::uint16_t>(i);
     static_cast<void>(observations_.try_push_back(o));
   }

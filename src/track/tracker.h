@@ -14,6 +14,7 @@
 #include "track/feature_grid.h"
 #include "track/local_map.h"
 #include "track/map_builder.h"
+#include "track/motion_check.h"
 #include "track/pose_solver.h"
 #include "track/projection_matcher.h"
 #include "track/relocalizer.h"
@@ -65,6 +66,7 @@ class Tracker {
   MapBuilder builder_;
   Relocalizer relocalizer_;
   SemiStaticCheck semi_static_;
+  MotionCheck motion_;
   std::span<FeatureMatch> matches_;
   ArenaVector<PoseObservation> observations_;
   std::span<std::uint16_t> observed_feature_;  // which feature observation i belongs to
@@ -78,6 +80,7 @@ class Tracker {
   };
   std::array<PosedStamp, 2> history_;
   int history_size_ = 0;
+  bool starved_ = false;  // this frame needs what is not proved to stand still
   Pose T_odom_keyframe_;
   int keyframe_points_ = 0;
   std::uint64_t keyframe_sequence_ = 0;

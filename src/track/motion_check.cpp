@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "track/motion_check.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace stillmap {
+
+namespace {
+
+constexpr double kSearchPx = 36;      // a quick walk at arm's length, over three frames
+constexpr int kMaxDistance = 56;
+constexpr double kDistanceRatio = 0.85;
+constexpr double kStillPx = 4;        // at octave 0
+constexpr double kNeighbourPx = 45;
+constexpr double kNeighbourDepthShare = 0.08;
+constexpr Nanoseconds kLongestSpan_ns = 150'000'000;  // over more, a camera that steps finds nothing again
+constexpr double kMostMoving = 0.7;   // of all verdicts; more is no mover but a wrong pose
+
+}  // namespace
+
+MotionCheck::MotionCheck(Arena& arena, const CameraModel& camera, std::size_t feature_capacity)
+    : camera_(camera),
+      past_{{{{arena, feature_capacity}, {arena, feature_capacity, camera}},
+             {{arena, feature_capacity}, {arena, feature_capacity, camera}},
+             {{arena, feature_capacity}, {arena, feature_capacity, camera}}}},
+      grid_(arena, feature_capacity, camera),
+      verdicts_(arena.take<Verdict>("motion_check.verdicts", feature_capacity)) {}
+
+MotionCheck::Verdict MotionCheck::verdict_of(const Feature& feature, const Descriptor& descriptor, const Past& past,
+                                             const Pose& T_past_current, const FeatureExtractor& extractor) const {
+  const double z = feature.depth_m;
+  const Vec3 p = T_past_current * Vec3{feature.ray_x * z, feature.ray_y * z, z};
+  if (p.z < 0.1) return Verdict::Unknown;
+  const double u = camera_.fx * p.x / p.z + camera_.cx, v = camera_.fy * p.y / p.z + camera_.cy;
+  int best = kMaxDistance + 1, second = 257;
+  std::size_t found = 0;
+  past.grid.for_each_near(u, v, kSearchPx * extractor.scale(feature.octave), [&](std::size_t i) {
+    if (std::abs(past.frame.features[i].octave - feature.octave) > 1) return;
+    const int distance = hamming(descriptor, past.frame.descriptors[i]);
+    if (distance < best) {
+      second = best;
+      best = distance;
+      found = i;
+    } else if (distance < second) {
+      second = distance;
+    }
+  });
+  if (best > kMaxDistance) return Verdict::Unknown;
+  const Feature& before = past.frame.features[found];
+  const double off = std::hypot(past.grid.u_of(before) - u, past.grid.v_of(before) - v);
+  if (off < kStillPx * extractor.scale(feature.octave)) return Verdict::Still;
+  return best > kDistanceRatio * second ? Verdict::Unknown : Verdict::Moving;
+}
+
+bool MotionCheck::neighbours_move(const FrameFeatures& frame, std::size_t feature) const {
+  const Feature& f = frame.features[feature];
+  int still = 0, moving = 0;
+  grid_.for_each_near(grid_.u_of(f), grid_.v_of(f), kNeighbourPx, [&](std::size_t i) {
+    const double z = frame.features[i].depth_m;
+    if (std::abs(z - f.depth_m) > kNeighbourDepthShare * f.depth_m) return;
+    still += verdicts_[i] == Verdict::Still;
+    moving += verdicts_[i] == Verdict::Moving;
+  });
+  return moving >= 2 && moving > still;
+}
+
+int MotionCheck::relabel(FrameFeatures& frame, std::span<const FeatureMatch> inliers, Nanoseconds stamp_ns,
+                         const Pose& T_odom_camera, const FeatureExtractor& extractor) {
+  if (count_ < kFrames || stamp_ns - past_[next_].stamp_ns > kLongestSpan_ns) return 0;
+  const Past& past = past_[next_];  // the oldest of them
+  const Pose T_past_current = inverse(past.T_odom_camera) * T_odom_camera;
+  int still = 0, moving = 0;
+  for (std::size_t i = 0; i < frame.features.size(); ++i) {
+    const Feature& f = frame.features[i];
+    verdicts_[i] = Verdict::Unknown;
+    if (inliers[i].slot >= 0) {
+      verdicts_[i] = Verdict::Still;
+    } else if (f.label == Label::Static && f.depth_m > 0) {
+      verdicts_[i] = verdict_of(f, frame.descriptors[i], past, T_past_current, extractor);
+    }
+    still += verdicts_[i] == Verdict::Still;
+    moving += verdicts_[i] == Verdict::Moving;
+  }
+  if (moving > kMostMoving * (moving + still)) return 0;
+  grid_.build(frame.features);
+  int moved = 0;
+  for (std::size_t i = 0; i < frame.features.size(); ++i) {
+    Feature& f = frame.features[i];
+    if (verdicts_[i] == Verdict::Still || f.label != Label::Static || f.depth_m <= 0 || !neighbours_move(frame, i)) continue;
+    f.label = Label::Dynamic;
+    ++moved;
+  }
+  return moved;
+}
+
+void MotionCheck::remember(const FrameFeatures& frame, Nanoseconds stamp_ns, const Pose& T_odom_camera) {
+  Past& past = past_[next_];
+  past.frame.clear();
+  for (std::size_t i = 0; i < frame.features.size(); ++i) {
+    static_cast<void>(past.frame.features.try_push_back(frame.features[i]));
+    static_cast<void>(past.frame.descriptors.try_push_back(frame.descriptors[i]));
+  }
+  past.grid.build(past.frame.features);
+  past.stamp_ns = stamp_ns;
+  past.T_odom_camera = T_odom_camera;
+  next_ = (next_ + 1) % kFrames;
+  count_ = std::min(count_ + 1, kFrames);
+}
+
+}  // namespace stillmap
