@@ -72,8 +72,8 @@ Result<std::vector<StampedPose>> read_trajectory(const std::string& path) {
     return Error{ExitCode::UnreadableInput,
                  path + ": holds no pose; expected lines of 'stamp tx ty tz qx qy qz qw' (TUM format)"};
   }
-  std::reverse(poses.begin(),
-               poses.end());  // so that the last of equal stamps is the one that unique() keeps
+  // Reversed, so that the last of equal stamps is the one that unique() keeps.
+  std::reverse(poses.begin(), poses.end());
   const auto earlier = [](const StampedPose& a, const StampedPose& b) { return a.stamp_ns < b.stamp_ns; };
   const auto same = [](const StampedPose& a, const StampedPose& b) { return a.stamp_ns == b.stamp_ns; };
   std::stable_sort(poses.begin(), poses.end(), earlier);

@@ -80,10 +80,19 @@ TEST_P(PngColour, EveryKindComesAsBgrInPlace) {
     }
   }
 }
+std::string name_of(const testing::TestParamInfo<PngColour::ParamType>& info) {
+  const auto [kind, interlaced] = info.param;
+  const char* text = kind == PngKind::Grey8   ? "Grey"
+                     : kind == PngKind::Rgb8  ? "Rgb"
+                     : kind == PngKind::Rgba8 ? "Rgba"
+                                              : "Palette";
+  return std::string(text) + (interlaced ? "Interlaced" : "");
+}
 INSTANTIATE_TEST_SUITE_P(Kinds, PngColour,
                          testing::Combine(testing::Values(PngKind::Grey8, PngKind::Rgb8, PngKind::Rgba8,
                                                           PngKind::Palette8),
-                                          testing::Bool()));
+                                          testing::Bool()),
+                         name_of);
 
 TEST(PngDecoder, DepthKeepsEveryReadingInHostOrder) {
   PngDecoder decoder;

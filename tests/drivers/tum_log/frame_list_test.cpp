@@ -51,10 +51,10 @@ TEST_F(FrameList, AssociationsDecideWherePresent) {
 }
 
 TEST_F(FrameList, NearestPairsFirstOneToOneWithinTwentyMilliseconds) {
-  // 1.000 is nearest to 1.008, but 1.010 is nearer to it and takes it; 1.000 falls back to 0.981.
+  // 1.000 is nearest to 1.008, but 1.010 is nearer to it and takes it; 1.000 falls back to 1.015.
   write("rgb.txt", "1.000 a\n1.010 b\n2.000 c\n3.000 d\n4.000 e\n");
-  write("depth.txt", "0.981 A\n1.008 B\n2.020 C\n3.021 D\n");
-  EXPECT_EQ(pairs(), "1000>981 1010>1008 2000>2020 3000>no_depth_match 4000>no_depth_match ");
+  write("depth.txt", "1.008 A\n1.015 B\n2.020 C\n3.021 D\n");
+  EXPECT_EQ(pairs(), "1000>1015 1010>1008 2000>2020 3000>no_depth_match 4000>no_depth_match ");
 }
 
 TEST_F(FrameList, DepthNeedNotBeSortedAndTiesGoToTheEarlierFrame) {
