@@ -139,15 +139,21 @@ TEST(VoxelMap, a_floor_at_a_grazing_angle_stays) {
   camera.cx = 320;
   camera.cy = 240;
   MapUnderTest t(camera);
-  // 0.37 m above the floor, looking along it: at 2 m the rays meet it at 10 degrees, and the centre of a
-  // voxel that it crosses is up to 0.12 m before it.
+  // Some 0.37 m above the floor, looking along it: at 2 m the rays meet it at 10 degrees, and the centre of a
+  // voxel that it crosses is up to 0.12 m before it. The camera is at no round place in its own voxel.
+  const Pose T_map_camera{{}, {0.013, -0.011, 0.027}};
   for (const double height_m : {0.365, 0.38, 0.395}) {
-    t.see([=](Vec3 o, Vec3 d) { return meet_plane(o, d, {0, 1, 0}, height_m, kGrey); }, {}, 30);
-    int missing = 0;
+    t.see([=](Vec3 o, Vec3 d) { return meet_plane(o, d, {0, 1, 0}, height_m, kGrey); }, T_map_camera, 30);
+    int missing = 0, thick = 0;
     for (double z = 1.22; z < 2.06; z += 0.04) {
-      for (double x = -0.3; x < 0.3; x += 0.04) missing += t.map().at({x, 0.37, z}) != Occupancy::Occupied;
+      for (double x = -0.3; x < 0.3; x += 0.04) {
+        missing += t.map().at({x, 0.37, z}) != Occupancy::Occupied;
+        thick += t.map().at({x, 0.33, z}) == Occupancy::Occupied ||
+                 t.map().at({x, 0.41, z}) == Occupancy::Occupied;
+      }
     }
     EXPECT_EQ(missing, 0) << height_m;
+    EXPECT_EQ(thick, 0) << height_m;
   }
 }
 
