@@ -15,7 +15,7 @@ constexpr int kMaxColourWeight = 15;
 
 // Measured on fr1_rpy with true poses, on a wall at 4 m and a floor seen at a grazing angle: 2.5 sigma
 // instead finds the same surfaces and makes the wall 3.6 voxels thick instead of 3.1; not counting points
-// loses a quarter of the floor.
+// loses three tenths of the floor.
 constexpr float kTruncationSigmas = 1.5f;
 constexpr double kEnoughPoints = 0.1;  // of the pixels that a voxel's face would fill
 constexpr float kMostPoints = 255;     // what Voxel::points can hold

@@ -6,6 +6,7 @@
 #include <functional>
 #include <memory>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "map/voxel_map.h"
@@ -143,6 +144,19 @@ inline Scene room() {
   };
 }
 
+/// Every occupied voxel's place and colour, to compare maps.
+inline std::string bytes_of(const VoxelMap& map) {
+  std::string bytes;
+  map.for_each_occupied([&](const OccupiedVoxel& v) {
+    bytes.append(reinterpret_cast<const char*>(&v.x), sizeof(float));
+    bytes.append(reinterpret_cast<const char*>(&v.y), sizeof(float));
+    bytes.append(reinterpret_cast<const char*>(&v.z), sizeof(float));
+    bytes.append(reinterpret_cast<const char*>(&v.colour), 3);
+  });
+  return bytes;
+}
+
+/// A camera turned about its upright axis.
 inline Pose turned(double yaw, Vec3 t = {}) {
   return {exp_so3({0, yaw, 0}), t};
 }

@@ -7,12 +7,12 @@
 #include <set>
 #include <string>
 
-#include "heap_count.h"
 #include "map_scene.h"
 
 namespace stillmap {
 namespace {
 
+using test::bytes_of;
 using test::Hit;
 using test::MapUnderTest;
 using test::meet_plane;
@@ -38,17 +38,6 @@ std::size_t occupied_within(const VoxelMap& map, double z0, double z1) {
   std::size_t n = 0;
   map.for_each_occupied([&](const OccupiedVoxel& v) { n += v.z >= z0 && v.z <= z1; });
   return n;
-}
-
-std::string bytes_of(const VoxelMap& map) {
-  std::string bytes;
-  map.for_each_occupied([&](const OccupiedVoxel& v) {
-    bytes.append(reinterpret_cast<const char*>(&v.x), sizeof(float));
-    bytes.append(reinterpret_cast<const char*>(&v.y), sizeof(float));
-    bytes.append(reinterpret_cast<const char*>(&v.z), sizeof(float));
-    bytes.append(reinterpret_cast<const char*>(&v.colour), 3);
-  });
-  return bytes;
 }
 
 TEST(VoxelMap, a_wall_through_the_freiburg1_lens_comes_out_flat) {
@@ -262,67 +251,6 @@ TEST(VoxelMap, random_depth_does_no_harm) {
     ASSERT_EQ(t.map().fuse(t.input(p, turned(frame))), FuseOutcome::Fused);
   }
   EXPECT_LE(t.map().blocks().blocks_used(), t.map().usage().capacity);
-}
-
-TEST(VoxelMap, a_long_path_stays_within_capacity_and_keeps_what_is_near) {
-  Config::Map config;
-  config.capacity_voxels = 300 * kBlockVoxels;
-  MapUnderTest t(small_camera(), config);
-  // A corridor without end, 2 m wide.
-  const Scene corridor = [](Vec3 o, Vec3 d) {
-    return meet_plane(o, d, {d.x > 0 ? 1.0 : -1.0, 0, 0}, 1.02, kGrey);
-  };
-  for (int i = 0; i < 400; ++i) {
-    const Pose here = turned(0, {0, 0, 0.1 * i});
-    t.see(corridor, here);
-    ASSERT_LE(t.map().blocks().blocks_used(), 300u);
-  }
-  EXPECT_GT(t.map().blocks_evicted(), 500u);
-  EXPECT_EQ(t.map().usage().high_water, 300u);
-  EXPECT_EQ(t.map().at({1.02, 0, 42}), Occupancy::Occupied);
-  EXPECT_EQ(t.map().at({1.02, 0, 5}), Occupancy::Unknown) << "far behind: given up";
-  std::uint64_t counted = 0;
-  t.map().for_each_occupied([&](const OccupiedVoxel&) { ++counted; });
-  EXPECT_EQ(counted, t.map().occupied_voxels());
-}
-
-TEST(VoxelMap, a_planning_arena_is_asked_for_the_same) {
-  MapUnderTest t(small_camera());
-  EXPECT_EQ(MapUnderTest::planned_bytes(small_camera(), {}), t.arena().bytes_planned());
-  for (const PlanLine& line : t.arena().lines()) {
-    if (std::string(line.name) == "map_voxels") {
-      EXPECT_LE(line.bytes(), 16'000'000u);
-    }
-  }
-}
-
-TEST(VoxelMap, takes_nothing_from_the_heap) {
-  Config::Map config;
-  config.capacity_voxels = 100 * kBlockVoxels;  // small enough to evict
-  MapUnderTest t(small_camera(true), config);
-  Picture ahead = t.render(room(), {}), aside = t.render(room(), turned(1.5));
-  const std::uint64_t before = test::heap_calls();
-  for (int i = 0; i < 10; ++i) {
-    (void)t.map().fuse(t.input(ahead, {}));
-    (void)t.map().fuse(t.input(aside, turned(1.5, {0, 0, 0.5 * i})));
-  }
-  std::uint64_t counted = 0;
-  t.map().for_each_occupied([&](const OccupiedVoxel&) { ++counted; });
-  EXPECT_EQ(test::heap_calls(), before);
-  EXPECT_GT(t.map().blocks_evicted(), 0u);
-}
-
-TEST(VoxelMap, the_same_frames_give_the_same_map) {
-  Config::Map config;
-  config.capacity_voxels = 150 * kBlockVoxels;
-  MapUnderTest a(small_camera(true), config), b(small_camera(true), config);
-  for (int i = 0; i < 40; ++i) {
-    a.see(room(), turned(0.1 * i));
-    b.see(room(), turned(0.1 * i));
-  }
-  EXPECT_GT(a.map().blocks_evicted(), 0u);
-  EXPECT_GT(a.map().occupied_voxels(), 100u);
-  EXPECT_EQ(bytes_of(a.map()), bytes_of(b.map()));
 }
 
 }  // namespace
