@@ -23,19 +23,29 @@ U8x16 load(const std::uint8_t* p) {
   return v;
 }
 
-U8x16 select(U8x16 mask, U8x16 value) { return mask & value; }
-U8x16 larger(U8x16 a, U8x16 b) {
-  const auto mask = reinterpret_cast<U8x16>(a > b);
-  return (a & mask) | (b & ~mask);
-}
+U8x16 smaller(U8x16 a, U8x16 b) { return a < b ? a : b; }
+U8x16 larger(U8x16 a, U8x16 b) { return a > b ? a : b; }
 bool any(U8x16 v) {
   std::array<std::uint64_t, 2> halves;
   std::memcpy(halves.data(), &v, sizeof halves);
   return (halves[0] | halves[1]) != 0;
 }
 
-/// Non-zero where nine pixels in a row of the circle are all brighter, or all darker, by more than the threshold.
-U8x16 corner_mask(const std::uint8_t* p, const Offsets& o, std::uint8_t threshold) {
+/// Of every nine in a row around the circle the least difference counts, and of all sixteen rows the largest: the
+/// contrast up to which a pixel is a corner. Rows of nine are made from rows of two, four and eight.
+U8x16 strongest_row(const std::array<U8x16, 16>& d) {
+  std::array<U8x16, 16> two, four;
+  for (std::size_t i = 0; i < 16; ++i) two[i] = smaller(d[i], d[(i + 1) % 16]);
+  for (std::size_t i = 0; i < 16; ++i) four[i] = smaller(two[i], two[(i + 2) % 16]);
+  U8x16 best{};
+  for (std::size_t i = 0; i < 16; ++i) {
+    best = larger(best, smaller(smaller(four[i], four[(i + 4) % 16]), d[(i + 8) % 16]));
+  }
+  return best;
+}
+
+/// For sixteen pixels the contrast up to which each is a corner, or zeros where none is one at the threshold.
+U8x16 corner_contrast(const std::uint8_t* p, const Offsets& o, std::uint8_t threshold) {
   const U8x16 centre = load(p), t = U8x16{} + threshold;
   U8x16 high = centre + t, low = centre - t;
   high |= reinterpret_cast<U8x16>(high < centre);  // saturate
@@ -45,34 +55,14 @@ U8x16 corner_mask(const std::uint8_t* p, const Offsets& o, std::uint8_t threshol
   const auto bright = ((n > high) | (s > high)) & ((e > high) | (w > high));
   const auto dark = ((n < low) | (s < low)) & ((e < low) | (w < low));
   if (!any(reinterpret_cast<U8x16>(bright | dark))) return U8x16{};
-  U8x16 bright_run{}, dark_run{}, longest{};
-  for (std::size_t i = 0; i < 16 + 8; ++i) {
-    const U8x16 q = load(p + o[i % 16]);
-    bright_run = select(reinterpret_cast<U8x16>(q > high), bright_run + 1);
-    dark_run = select(reinterpret_cast<U8x16>(q < low), dark_run + 1);
-    longest = larger(longest, larger(bright_run, dark_run));
+  std::array<U8x16, 16> brighter, darker;
+  for (std::size_t i = 0; i < 16; ++i) {
+    const U8x16 q = load(p + o[i]);
+    brighter[i] = larger(q, centre) - centre;
+    darker[i] = larger(q, centre) - q;
   }
-  return reinterpret_cast<U8x16>(longest > 8);
-}
-
-/// The largest threshold that keeps a corner one.
-int corner_score(const std::uint8_t* p, const Offsets& o) {
-  std::array<int, 24> d;
-  for (std::size_t i = 0; i < 16; ++i) d[i] = p[o[i]] - p[0];
-  std::copy_n(d.begin(), 8, d.begin() + 16);
-  // Of every nine in a row the weakest counts, and of all rows the strongest. Rows of nine that begin at i and i + 1
-  // share the eight between them.
-  int best = 0;
-  for (std::size_t i = 0; i < 16; i += 2) {
-    int least = d[i + 1], most = d[i + 1];
-    for (std::size_t k = i + 2; k <= i + 8; ++k) {
-      least = std::min(least, d[k]);
-      most = std::max(most, d[k]);
-    }
-    best = std::max({best, std::min(least, d[i]), std::min(least, d[(i + 9) % 16]), -std::max(most, d[i]),
-                     -std::max(most, d[(i + 9) % 16])});
-  }
-  return best - 1;
+  const U8x16 contrast = larger(strongest_row(brighter), strongest_row(darker));
+  return contrast & reinterpret_cast<U8x16>(contrast > t);
 }
 
 }  // namespace
@@ -93,11 +83,11 @@ void fast_corners(ImageView<const std::uint8_t> image, int x0, int y0, int x1, i
     for (int x = x0; y < y1 && x < x1; x += 16) {
       // The last group may look at pixels beyond x1: inside the picture's rows, and their verdict is not used.
       const std::uint8_t* p = image.row(y) + x;
-      const U8x16 corners = corner_mask(p, offsets, static_cast<std::uint8_t>(threshold));
-      if (!any(corners)) continue;
+      const U8x16 contrast = corner_contrast(p, offsets, static_cast<std::uint8_t>(threshold));
+      if (!any(contrast)) continue;
       for (int i = 0; i < 16 && x + i < x1; ++i) {
-        if (corners[i] == 0) continue;
-        row_scores[static_cast<std::size_t>(x + i - x0 + 1)] = static_cast<std::uint8_t>(corner_score(p + i, offsets));
+        if (contrast[i] == 0) continue;
+        row_scores[static_cast<std::size_t>(x + i - x0 + 1)] = static_cast<std::uint8_t>(contrast[i] - 1);
         row_any = true;
       }
     }
