@@ -15,6 +15,7 @@ constexpr double kStillPx = 4;        // at octave 0
 constexpr double kNeighbourPx = 45;
 constexpr double kNeighbourDepthShare = 0.08;
 constexpr Nanoseconds kLongestSpan_ns = 150'000'000;  // over more, a camera that steps finds nothing again
+constexpr double kCrowded = 0.15;     // of all verdicts
 constexpr double kMostMoving = 0.7;   // of all verdicts; more is no mover but a wrong pose
 
 }  // namespace
@@ -65,9 +66,9 @@ bool MotionCheck::neighbours_move(const FrameFeatures& frame, std::size_t featur
   return moving >= 2 && moving > still;
 }
 
-int MotionCheck::relabel(FrameFeatures& frame, std::span<const FeatureMatch> inliers, Nanoseconds stamp_ns,
+void MotionCheck::relabel(FrameFeatures& frame, std::span<const FeatureMatch> inliers, Nanoseconds stamp_ns,
                          const Pose& T_odom_camera, const FeatureExtractor& extractor) {
-  if (count_ < kFrames || stamp_ns - past_[next_].stamp_ns > kLongestSpan_ns) return 0;
+  if (count_ < kFrames || stamp_ns - past_[next_].stamp_ns > kLongestSpan_ns) return;
   const Past& past = past_[next_];  // the oldest of them
   const Pose T_past_current = inverse(past.T_odom_camera) * T_odom_camera;
   int still = 0, moving = 0;
@@ -82,16 +83,25 @@ int MotionCheck::relabel(FrameFeatures& frame, std::span<const FeatureMatch> inl
     still += verdicts_[i] == Verdict::Still;
     moving += verdicts_[i] == Verdict::Moving;
   }
-  if (moving > kMostMoving * (moving + still)) return 0;
+  if (moving > kMostMoving * (moving + still)) {
+    for (std::size_t i = 0; i < frame.features.size(); ++i) {
+      Feature& f = frame.features[i];
+      if (verdicts_[i] != Verdict::Still && f.label == Label::Static) f.label = Label::Unknown;
+    }
+    return;
+  }
+  // Where much moves, what could not be checked is not taken on trust either.
+  const bool crowded = moving > kCrowded * (moving + still);
   grid_.build(frame.features);
-  int moved = 0;
   for (std::size_t i = 0; i < frame.features.size(); ++i) {
     Feature& f = frame.features[i];
-    if (verdicts_[i] == Verdict::Still || f.label != Label::Static || f.depth_m <= 0 || !neighbours_move(frame, i)) continue;
-    f.label = Label::Dynamic;
-    ++moved;
+    if (verdicts_[i] == Verdict::Still || f.label != Label::Static || f.depth_m <= 0) continue;
+    if (neighbours_move(frame, i)) {
+      f.label = Label::Dynamic;
+    } else if (crowded) {
+      f.label = Label::Unknown;
+    }
   }
-  return moved;
 }
 
 void MotionCheck::remember(const FrameFeatures& frame, Nanoseconds stamp_ns, const Pose& T_odom_camera) {

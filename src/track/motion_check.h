@@ -24,9 +24,9 @@ class MotionCheck {
   MotionCheck(Arena& arena, const CameraModel& camera, std::size_t feature_capacity);
 
   /// Relabels Static features that move as Dynamic. Features that stand on a map point (`inliers`) are still by that.
-  /// Does nothing when most features would move: then it is rather the pose that is wrong. Returns how many moved.
-  int relabel(FrameFeatures& frame, std::span<const FeatureMatch> inliers, Nanoseconds stamp_ns,
-              const Pose& T_odom_camera, const FeatureExtractor& extractor);
+  /// When most features would move, it may as well be the pose that is wrong: what is not on a point is Unknown then.
+  void relabel(FrameFeatures& frame, std::span<const FeatureMatch> inliers, Nanoseconds stamp_ns,
+               const Pose& T_odom_camera, const FeatureExtractor& extractor);
   /// Keeps the frame for later ones.
   void remember(const FrameFeatures& frame, Nanoseconds stamp_ns, const Pose& T_odom_camera);
   /// Forgets all frames: for when poses no longer connect.

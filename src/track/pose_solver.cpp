@@ -15,7 +15,7 @@ using Row6 = Eigen::Matrix<double, 1, 6>;
 
 // 95 % quantiles of chi-square with two and three degrees of freedom.
 constexpr double kChi2TwoDof = 5.991, kChi2ThreeDof = 7.815;
-constexpr int kRounds = 4, kIterationsPerRound = 5, kFewestObservations = 6;
+constexpr int kRounds = 4, kIterationsPerRound = 5, kFewestObservations = 6, kFewestWithPrior = 3;
 
 /// Whitened residuals of one observation and the point in the camera frame they come from.
 struct Residual {
@@ -60,6 +60,18 @@ struct NormalEquations {
     add_row(row_of({0, fy * iz, -fy * p.y * iz * iz}, p), r.v, weight);
     if (o.depth_m > 0) add_row(row_of({0, 0, 1 / o.sigma_depth_m}, p), r.z, weight);
   }
+  /// The deviation from the prior, to first order its own derivative.
+  void add(const PosePrior& prior, const Pose& T_camera_world) {
+    const Pose deviation = T_camera_world * inverse(prior.T_camera_world);
+    const Vec3 w = log_so3(deviation.R);
+    const double rotation = 1 / (prior.sigma_rotation_rad * prior.sigma_rotation_rad);
+    const double translation = 1 / (prior.sigma_translation_m * prior.sigma_translation_m);
+    Vector6 information, residual;
+    information << rotation, rotation, rotation, translation, translation, translation;
+    residual << w.x, w.y, w.z, deviation.t.x, deviation.t.y, deviation.t.z;
+    H.diagonal() += information;
+    b -= information.cwiseProduct(residual);
+  }
   void add_row(const Row6& row, double residual, double weight) {
     H.noalias() += weight * row.transpose() * row;
     b.noalias() -= weight * residual * row.transpose();
@@ -74,10 +86,11 @@ Pose perturbed(const Pose& T, const Vector6& d) {
 }  // namespace
 
 PoseEstimate solve_pose(std::span<PoseObservation> observations, const CameraModel& camera,
-                        const Pose& T_camera_world_initial) {
+                        const Pose& T_camera_world_initial, const PosePrior* prior) {
   PoseEstimate estimate{.T_camera_world = T_camera_world_initial};
   Pose T = T_camera_world_initial;
   NormalEquations equations;
+  const int fewest = prior != nullptr ? kFewestWithPrior : kFewestObservations;
   for (int round = 0; round < kRounds; ++round) {
     for (int iteration = 0; iteration < kIterationsPerRound; ++iteration) {
       equations = {};
@@ -89,7 +102,8 @@ PoseEstimate solve_pose(std::span<PoseObservation> observations, const CameraMod
         equations.add(o, camera, r, round < kRounds - 1);
         ++used;
       }
-      if (used < kFewestObservations) return estimate;
+      if (used < fewest) return estimate;
+      if (prior != nullptr) equations.add(*prior, T);
       const Eigen::LDLT<Matrix6> ldlt(equations.H);
       if (ldlt.info() != Eigen::Success || ldlt.vectorD().minCoeff() <= 1e-9) return estimate;
       const Vector6 step = ldlt.solve(equations.b);
@@ -106,7 +120,7 @@ PoseEstimate solve_pose(std::span<PoseObservation> observations, const CameraMod
       ++estimate.inliers;
       squared_px += (r.u * r.u + r.v * r.v) * o.sigma_px * o.sigma_px;
     }
-    if (estimate.inliers < kFewestObservations) return estimate;
+    if (estimate.inliers < fewest) return estimate;
     estimate.rms_px = std::sqrt(squared_px / estimate.inliers);
   }
   estimate.T_camera_world = T;

@@ -20,6 +20,12 @@ struct PoseObservation {
   bool inlier = true;        ///< out: whether it fits
 };
 
+/// What is believed of the pose before looking: from a motion model, wheel odometry or an IMU.
+struct PosePrior {
+  Pose T_camera_world;
+  double sigma_rotation_rad = 0, sigma_translation_m = 0;  ///< 1 sigma per axis
+};
+
 struct PoseEstimate {
   Pose T_camera_world;
   int inliers = 0;
@@ -32,8 +38,8 @@ struct PoseEstimate {
 /// The pose that minimises reprojection error and depth error together, by iteratively reweighted Gauss-Newton
 /// (Huber) in rounds, observations beyond the 95 % quantile of chi-square left out from round to round. Residual of
 /// an observation: (u, v) in units of sigma_px and, where there is depth, z in units of sigma_depth_m.
-/// No heap; any thread.
+/// With a prior, its deviation counts too, and three observations are enough. No heap; any thread.
 PoseEstimate solve_pose(std::span<PoseObservation> observations, const CameraModel& camera,
-                        const Pose& T_camera_world_initial);
+                        const Pose& T_camera_world_initial, const PosePrior* prior = nullptr);
 
 }  // namespace stillmap

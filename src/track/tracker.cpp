@@ -23,25 +23,27 @@ constexpr double kLooksToTrust = 6;
 constexpr double kLeastWeight = 0.15;
 // A suspect point has proved that it stands still when it was found again in its place after this long, a walker's step,
 // and in this share of the looks.
-constexpr Nanoseconds kTimeToProve_ns = 400'000'000;
+constexpr Nanoseconds kTimeToProve_ns = 200'000'000;
 constexpr int kLooksToProve = 3;
 constexpr double kFoundToProve = 0.6;
 // A point of the still world that was found this often vouches for a feature that the mask holds for a mover's.
 constexpr int kLooksToVouch = 4;
 constexpr double kVouchedWeight = 0.4;
-constexpr double kAdmittedWeight = 0.1;  // of what a starved tracker must lean on
 
-/// How much a match says about the camera (0: nothing, but the match is tested against the pose). `starved`: nearly
-/// nothing else is left, so what is neither proved nor disproved is admitted too.
-double weight_of(const MapPoint& point, Label label, Nanoseconds stamp_ns, bool starved) {
-  const double unproved = starved ? kAdmittedWeight : 0;
+/// How much a match says about the camera (0: nothing, but the match is tested against the pose).
+double weight_of(const MapPoint& point, Label label, Nanoseconds stamp_ns) {
   if (point.suspect) {
     const bool proved = stamp_ns - point.made_ns >= kTimeToProve_ns && point.found >= kLooksToProve &&
                         point.found >= kFoundToProve * point.visible;
-    return proved ? kVouchedWeight : unproved;
+    return proved ? kVouchedWeight : 0;
   }
-  if (label == Label::Dynamic || label == Label::Unknown) return point.found >= kLooksToVouch ? kVouchedWeight : unproved;
+  if (label == Label::Dynamic || label == Label::Unknown) return point.found >= kLooksToVouch ? kVouchedWeight : 0;
   return std::clamp(point.found / kLooksToTrust, kLeastWeight, 1.0);
+}
+
+/// The motion model's trust in itself: what a hand that jerks does to a constant velocity in this time.
+PosePrior motion_prior(const Pose& T_odom_camera_predicted, double seconds) {
+  return {inverse(T_odom_camera_predicted), 0.005 + 10 * seconds * seconds, 0.005 + 5 * seconds * seconds};
 }
 
 Pose mount_of(const Config& config) {
@@ -146,11 +148,15 @@ void Tracker::start_map(const FrameSlot& slot) {
 
 bool Tracker::localize(const FrameSlot& slot, const Pose& T_odom_camera_predicted) {
   const bool was_lost = result_.state == TrackState::Lost;
-  starved_ = false;
+  prior_.reset();
   bool found = !was_lost && match_and_solve(kAroundPrediction, T_odom_camera_predicted);
   if (!found && !was_lost) found = match_and_solve(kWide, T_odom_camera_predicted);
-  starved_ = !found && !was_lost;
-  if (starved_) found = match_and_solve(kAroundPrediction, T_odom_camera_predicted);
+  if (!found && !was_lost && history_size_ == 2) {
+    // Starved: too little stands still in view. What there is corrects the motion model instead of replacing it.
+    prior_ = motion_prior(T_odom_camera_predicted, to_seconds(slot.colour_ns - history_[0].stamp_ns));
+    found = match_and_solve(kAroundPrediction, T_odom_camera_predicted);
+    if (!found) prior_.reset();
+  }
   if (!found) found = relocalize();
   if (!found) return false;
 
@@ -179,15 +185,16 @@ bool Tracker::match_and_solve(const SearchWindow& window, const Pose& T_odom_cam
       const double sensor = config_.camera.depth_sigma_m(f.depth_m);
       o.sigma_depth_m = std::sqrt(sensor * sensor + variance_along(point, axis));
     }
-    if (config_.track.dynamic_rule == DynamicRule::Silhouette) o.weight = weight_of(point, f.label, result_.stamp_ns, starved_);
+    if (config_.track.dynamic_rule == DynamicRule::Silhouette) o.weight = weight_of(point, f.label, result_.stamp_ns);
     observed_feature_[observations_.size()] = static_cast<std::uint16_t>(i);
     static_cast<void>(observations_.try_push_back(o));
   }
-  estimate_ = solve_pose(observations_, config_.camera, inverse(T_odom_camera));
+  estimate_ = solve_pose(observations_, config_.camera, inverse(T_odom_camera), prior_ ? &*prior_ : nullptr);
   for (std::size_t k = 0; k < observations_.size(); ++k) {
     if (!observations_[k].inlier) matches_[observed_feature_[k]].slot = -1;
   }
-  if (!estimate_.converged || estimate_.inliers < config_.track.min_inliers) return false;
+  const int fewest = prior_ ? config_.track.min_inliers / 2 : config_.track.min_inliers;
+  if (!estimate_.converged || estimate_.inliers < fewest) return false;
   result_.T_odom_camera = inverse(estimate_.T_camera_world);
   return true;
 }

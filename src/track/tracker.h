@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <optional>
 #include <span>
 
 #include "core/arena.h"
@@ -80,7 +81,7 @@ class Tracker {
   };
   std::array<PosedStamp, 2> history_;
   int history_size_ = 0;
-  bool starved_ = false;  // this frame needs what is not proved to stand still
+  std::optional<PosePrior> prior_;  // of this frame, where its features alone are not enough
   Pose T_odom_keyframe_;
   int keyframe_points_ = 0;
   std::uint64_t keyframe_sequence_ = 0;
