@@ -1,0 +1,68 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# Installs what Stillmap is built from, on Debian 12.
+#
+#   setup.sh           to build it and to run the demo
+#   setup.sh --tests   also what scripts/test.sh checks it with
+#
+# Only what is missing is installed; where nothing is, nothing happens.
+set -euo pipefail
+
+fail() {
+  echo "setup.sh: $*" >&2
+  exit 1
+}
+
+packages=(
+  build-essential cmake ninja-build git
+  # What the runtime links against. OpenCV by modules: libopencv-dev would bring everything that OpenCV has.
+  libopencv-core-dev libopencv-imgproc-dev libopencv-dnn-dev libeigen3-dev libspdlog-dev nlohmann-json3-dev
+  libspng-dev libjpeg-dev libtomlplusplus-dev libcli11-dev libssl-dev
+  # The stream's server, and its messages, whose code is generated while building.
+  libwebsockets-dev libnanopb-dev nanopb protobuf-compiler libprotobuf-dev
+  # The tests are built with everything else, and so is the renderer of the demo's log.
+  libgtest-dev libgmock-dev
+  # The demo's network and pictures.
+  python3 python3-numpy python3-onnx python3-opencv python3-matplotlib
+  # get_tum.sh and get_model.sh
+  curl ca-certificates
+)
+case "$*" in
+  "") ;;
+  --tests)
+    packages+=(clang-format clang-tidy shellcheck)
+    # The stream is tested with its protocol's official client. Any Node.js will do, also one that is not Debian's.
+    command -v node >/dev/null || packages+=(nodejs)
+    command -v npm >/dev/null || packages+=(npm)
+    ;;
+  *) fail "unknown argument $*; usage: setup.sh [--tests]" ;;
+esac
+
+missing=()
+for package in "${packages[@]}"; do
+  case $(dpkg-query --show --showformat '${db:Status-Status}' "$package" 2>/dev/null) in
+    installed) ;;
+    *) missing+=("$package") ;;
+  esac
+done
+[ ${#missing[@]} -gt 0 ] || exit 0
+
+install="apt-get install --no-install-recommends ${missing[*]}"
+release=${STILLMAP_OS_RELEASE:-/etc/os-release}
+grep -qs '^VERSION_CODENAME=bookworm$' "$release" ||
+  fail "this is not Debian 12, where the packages are: ${missing[*]}; install what they are called here, or use a Debian 12 container"
+as_root=()
+if [ "$(id -u)" -ne 0 ]; then
+  command -v sudo >/dev/null || fail "needs root to install packages, and there is no sudo; run as root: $install"
+  as_root=(sudo)
+fi
+
+echo "installing ${#missing[@]} packages: ${missing[*]}"
+log=$(mktemp)
+trap 'rm -f "$log"' EXIT
+# A list that cannot be updated (a third party's) may not be needed; if it is, the installation says so.
+"${as_root[@]}" apt-get -qq update >"$log" 2>&1 || true
+"${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get -qq install --yes --no-install-recommends "${missing[@]}" >>"$log" 2>&1 || {
+  tail -n 20 "$log" >&2
+  fail "apt-get could not install the packages (its words are above); mend it and run again, or by hand: $install"
+}
