@@ -36,7 +36,6 @@ class DelayedDetections {
 void run_lockstep(RunContext& context) {
   Capture capture(context.driver, context.stages.frames, context.counters, context.capture_log);
   DelayedDetections delayed(context.options.detector_delay);
-  PosedFrame posed;
   Nanoseconds first_stamp_ns = 0;
   for (std::uint64_t n = 0; !context.stop.load(std::memory_order_relaxed);) {
     FrameHandle frame;
@@ -60,10 +59,10 @@ void run_lockstep(RunContext& context) {
 
     const HeapScope scope(HeapOwner::Map);
     if (has_pose) {
+      PosedFrame posed;
       context.stages.track.fill_posed(frame, posed);
       context.stages.map.take_frame(std::move(posed));
     }
-    posed.frame.reset();
     if (auto* item = delayed.due(n)) {
       // Its own boxes came with the frame where nothing is late.
       if (item->detected.frame->sequence != frame->sequence) context.stages.map.take_detected(std::move(item->detected));

@@ -43,9 +43,9 @@ struct Lanes {
 
 void name_thread(const char* name) { pthread_setname_np(pthread_self(), name); }
 
-template <class Ring, class Item>
-void push_end(Ring& ring, Waker& consumer, Waker& self, Item end) {
-  while (!ring.try_push(std::move(end))) self.wait(self.ticket(), kMillisecond);
+template <class Ring>
+void push_end(Ring& ring, Waker& consumer, Waker& self) {
+  while (!ring.try_push({{}, true})) self.wait(self.ticket(), kMillisecond);
   consumer.wake();
 }
 
@@ -89,7 +89,7 @@ void capture_thread(RunContext& context, Lanes& lanes) {
       lanes.detect_waker.wake();
     }
   }
-  push_end(lanes.to_track, lanes.track_waker, lanes.capture_waker, Lanes::FrameItem{{}, true});
+  push_end(lanes.to_track, lanes.track_waker, lanes.capture_waker);
 }
 
 void track_thread(RunContext& context, Lanes& lanes) {
@@ -116,7 +116,7 @@ void track_thread(RunContext& context, Lanes& lanes) {
   }
   lanes.detect_end.store(true, std::memory_order_release);
   lanes.detect_waker.wake();
-  push_end(lanes.to_map, lanes.map_waker, lanes.track_waker, Lanes::MapItem{{}, true});
+  push_end(lanes.to_map, lanes.map_waker, lanes.track_waker);
 }
 
 void detect_thread(RunContext& context, Lanes& lanes) {

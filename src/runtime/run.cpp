@@ -183,7 +183,7 @@ Status run(const RunOptions& options) {
   if (stages->stream) stages->stream->stop();
   log_events(*context);
 
-  const Status written = write_outputs(*context, facts, groundtruth, source.value().stamps);
+  Status written = write_outputs(*context, facts, groundtruth, source.value().stamps);
   say_summary(*context, facts);
   if (!written.ok()) return written;
   if (context->source_lost) return Error{ExitCode::RunFailed, options.source + ": the source is gone; check its cable and power"};

@@ -103,7 +103,7 @@ void DepthLayers::read(ImageView<const std::uint16_t> depth, const CameraModel& 
 
 BoxCells DepthLayers::cells_of(const Box& box, double beyond_px) const {
   // A box carried along may lie anywhere, even nowhere (NaN, which counts as 0).
-  const auto clip = [this](double cell, int limit) {
+  const auto clip = [](double cell, int limit) {
     return cell > 0 ? static_cast<int>(std::min(cell, static_cast<double>(limit))) : 0;
   };
   const auto cells = [&](double grow_px) {
