@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <cstdio>
-#include <fstream>
 #include <memory>
 
 #include "app/commands.h"
 #include "eval/accuracy.h"
+#include "runtime/output_file.h"
+#include "runtime/report.h"
 
 namespace stillmap {
 
@@ -21,20 +22,9 @@ Status eval(const EvalOptions& o) {
   if (!estimate.ok()) return estimate.error();
   const Result<Accuracy> result = evaluate(groundtruth.value(), estimate.value(), {});
   if (!result.ok()) return result.error();
-  const Accuracy& a = result.value();
-  char text[512];
-  std::snprintf(text, sizeof text,
-                "{\"ate_rmse_m\": %.6f, \"ate_max_m\": %.6f, \"rpe_1s_rmse_m\": %.6f, \"rpe_1s_rmse_deg\": %.6f, "
-                "\"rpe_frame_rmse_m\": %.6f, \"matched_poses\": %zu, \"coverage\": %.4f}\n",
-                a.ate_rmse_m, a.ate_max_m, a.rpe_1s_rmse_m, a.rpe_1s_rmse_deg, a.rpe_frame_rmse_m, a.matched_poses, a.coverage);
-  if (o.report.empty()) {
-    std::fputs(text, stdout);
-    return {};
-  }
-  std::ofstream file(o.report);
-  file << text;
-  file.flush();
-  if (!file) return Error{ExitCode::RunFailed, o.report + ": cannot be written; check the folder and its permissions"};
+  const std::string text = accuracy_json(result.value());
+  if (!o.report.empty()) return write_text(o.report, text);
+  std::fputs(text.c_str(), stdout);
   return {};
 }
 

@@ -25,36 +25,54 @@ void make_grey(ImageView<const Bgr> colour, ImageView<std::uint8_t> grey) {
 
 Capture::Outcome Capture::next(FrameHandle& out, Nanoseconds deadline_ns) {
   const HeapScope scope(HeapOwner::Capture);
-  FrameHandle frame = frames_.acquire();
-  if (!frame) {
-    // A camera's frame is lost; a log's only waits until the stages have let go of one.
-    if (!is_log_) {
-      RunCounters::bump(counters_.offered);
-      counters_.drop(DropReason::NoFreeSlot);
-    }
+  if (!spare_is_filled_) {
+    const Outcome outcome = fill_spare(deadline_ns);
+    if (outcome != Outcome::Frame) return outcome;
+  }
+  FrameHandle next_spare = frames_.acquire();
+  // A camera's frame is lost; a log's only waits until the stages have let go of one.
+  spare_is_filled_ = !next_spare && is_log_;
+  if (spare_is_filled_) return Outcome::Nothing;
+  RunCounters::bump(counters_.offered);
+  if (!next_spare) {
+    counters_.drop(DropReason::NoFreeSlot);
     return Outcome::Nothing;
   }
-  FrameSlot& slot = frame.writable();
+  out = std::move(spare_);
+  spare_ = std::move(next_spare);
+  return Outcome::Frame;
+}
+
+void Capture::drop(DropReason reason) {
+  RunCounters::bump(counters_.offered);
+  counters_.drop(reason);
+  ++next_sequence_;
+}
+
+Capture::Outcome Capture::fill_spare(Nanoseconds deadline_ns) {
+  FrameSlot& slot = spare_.writable();
   const Nanoseconds begin = monotonic_now(), cpu_begin = thread_cpu_now();
   const GrabResult grabbed = driver_.grab(slot, deadline_ns);
   switch (grabbed.status) {
     case GrabStatus::EndOfStream: return Outcome::End;
     case GrabStatus::Lost: return Outcome::Lost;
     case GrabStatus::Timeout: return Outcome::Nothing;
-    case GrabStatus::Dropped:
-      RunCounters::bump(counters_.offered);
-      counters_.drop(grabbed.reason);
-      ++next_sequence_;
-      return Outcome::Nothing;
+    case GrabStatus::Dropped: drop(grabbed.reason); return Outcome::Nothing;
     case GrabStatus::Frame: break;
   }
   log_.decode_cpu_ns += thread_cpu_now() - cpu_begin;
   log_.decode_time.add(monotonic_now() - begin);
-  RunCounters::bump(counters_.offered);
+  if (!first_stamp_ns_) {
+    first_stamp_ns_ = slot.colour_ns;
+  } else if (slot.colour_ns <= newest_stamp_ns_) {
+    drop(DropReason::TimeJump);
+    return Outcome::Nothing;
+  }
+  newest_stamp_ns_ = slot.colour_ns;
+  if (duration_s_ > 0 && to_seconds(slot.colour_ns - *first_stamp_ns_) > duration_s_) return Outcome::End;
   slot.sequence = next_sequence_++;
   slot.due_ns = monotonic_now();
   make_grey(slot.colour, slot.grey);
-  out = std::move(frame);
   return Outcome::Frame;
 }
 

@@ -1,29 +1,53 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <optional>
+
 #include "core/frame_pool.h"
 #include "drivers/rgbd_driver.h"
 #include "runtime/run_state.h"
 
 namespace stillmap {
 
-/// The source's frames, one after another, numbered and with grey made; what cannot be used is counted.
+/// The source's frames, one after another, numbered and with grey made; what cannot be used is counted: every frame
+/// that the source offers is handed out or dropped with its reason.
+///
+/// The source always fills a spare frame of the pool, which is handed out only when the next spare is there. So a
+/// camera is read, and its frames are dropped one by one, also while the stages hold every other frame.
 class Capture {
  public:
-  Capture(RgbdDriver& driver, FramePool& frames, RunCounters& counters, CaptureLog& log)
-      : driver_(driver), frames_(frames), counters_(counters), log_(log), is_log_(driver.describe().is_log) {}
+  /// Frames later than `duration_s` after the first are not offered any more; 0: all are.
+  Capture(RgbdDriver& driver, FramePool& frames, RunCounters& counters, CaptureLog& log, double duration_s)
+      : driver_(driver),
+        frames_(frames),
+        counters_(counters),
+        log_(log),
+        is_log_(driver.describe().is_log),
+        duration_s_(duration_s),
+        spare_(frames.acquire()) {
+    STILLMAP_CHECK(spare_);
+  }
 
   enum class Outcome { Frame, Nothing, End, Lost };
-  /// `out` holds the next frame where the outcome is Frame. Nothing: this one was dropped, or none came in time.
+  /// `out` holds the next frame where the outcome is Frame. Nothing: this one was dropped, none came in time, or a
+  /// log's frame waits for a place in the pool.
   Outcome next(FrameHandle& out, Nanoseconds deadline_ns);
 
  private:
+  Outcome fill_spare(Nanoseconds deadline_ns);
+  void drop(DropReason reason);
+
   RgbdDriver& driver_;
   FramePool& frames_;
   RunCounters& counters_;
   CaptureLog& log_;
   bool is_log_;
+  double duration_s_;
+  FrameHandle spare_;
+  bool spare_is_filled_ = false;  // a log's frame that waits
   std::uint64_t next_sequence_ = 0;
+  std::optional<Nanoseconds> first_stamp_ns_;
+  Nanoseconds newest_stamp_ns_ = 0;
 };
 
 /// Luma after BT.601, as every grey conversion that descriptors were ever measured on.

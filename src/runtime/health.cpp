@@ -4,31 +4,75 @@
 #include <spdlog/fmt/fmt.h>
 #include <spdlog/spdlog.h>
 
+#include <numeric>
 #include <string>
 
 #include "runtime/memory_use.h"
 
 namespace stillmap {
 
-void log_events(RunContext& context) {
-  const auto log = [](const Event& e) {
-    if (e.code == EventCode::FrameDropped) {
-      spdlog::warn("{}: frame {} dropped: {}", to_string(e.stage), e.sequence, to_string(static_cast<DropReason>(e.a)));
-    } else {
-      spdlog::info("{}: {} at frame {} ({})", to_string(e.stage), to_string(e.code), e.sequence, e.a);
-    }
+namespace {
+
+std::string pool_lines(const RunContext& context) {
+  const PoolUsage frames = context.stages.frames.usage();
+  std::string high_water, capacity, refused;
+  const auto add = [&](const char* name, std::uint64_t high, std::uint64_t room, std::uint64_t refusals) {
+    high_water += fmt::format("stillmap_pool_high_water{{pool=\"{}\"}} {}\n", name, high);
+    capacity += fmt::format("stillmap_pool_capacity{{pool=\"{}\"}} {}\n", name, room);
+    refused += fmt::format("stillmap_pool_refused_total{{pool=\"{}\"}} {}\n", name, refusals);
   };
-  for (EventRing& ring : context.events) {
+  add(frames.name, frames.high_water, frames.capacity, frames.refused);
+  const RunCounters& c = context.counters;
+  for (const PoolMark* mark : {&c.points, &c.keyframe_pool, &c.blocks}) {
+    const char* name = mark->name.load(std::memory_order_acquire);
+    if (name != nullptr) add(name, mark->high_water.load(), mark->capacity.load(), mark->refused.load());
+  }
+  return "# TYPE stillmap_pool_high_water gauge\n" + high_water + "# TYPE stillmap_pool_capacity gauge\n" + capacity +
+         "# TYPE stillmap_pool_refused_total counter\n" + refused;
+}
+
+std::string drop_lines(const RunCounters& c) {
+  std::string lines;
+  for (int r = 0; r < kDropReasonCount; ++r) {
+    lines += fmt::format("stillmap_frames_dropped_total{{reason=\"{}\"}} {}\n", to_string(static_cast<DropReason>(r)),
+                         c.dropped[static_cast<std::size_t>(r)].load());
+  }
+  return lines;
+}
+
+}  // namespace
+
+void Health::log_events() {
+  const auto log = [](const Event& e) {
+    spdlog::info("{}: {} at frame {} ({})", to_string(e.stage), to_string(e.code), e.sequence, e.a);
+  };
+  for (EventRing& ring : context_.events) {
     while (auto event = ring.try_pop()) log(*event);
   }
-  if (context.stages.stream) {
-    while (auto event = context.stages.stream->events().try_pop()) log(*event);
+  if (context_.stages.stream) {
+    while (auto event = context_.stages.stream->events().try_pop()) log(*event);
+  }
+}
+
+void Health::log_drops() {
+  for (std::size_t r = 0; r < drops_logged_.size(); ++r) {
+    const std::uint64_t count = context_.counters.dropped[r].load(std::memory_order_relaxed);
+    if (count == drops_logged_[r]) continue;
+    spdlog::warn("{} frames dropped: {}", count - drops_logged_[r], to_string(static_cast<DropReason>(r)));
+    drops_logged_[r] = count;
   }
 }
 
 void Health::tick() {
-  log_events(context_);
-  if (monotonic_now() - published_ns_ >= 1'000'000'000) publish();
+  log_events();
+  if (monotonic_now() - published_ns_ < 1'000'000'000) return;
+  log_drops();
+  publish();
+}
+
+void Health::finish() {
+  log_events();
+  log_drops();
 }
 
 void Health::publish() {
@@ -40,13 +84,7 @@ void Health::publish() {
   processed_before_ = processed;
   if (!context_.stages.stream) return;
 
-  std::uint64_t dropped = 0;
-  std::string drops;
-  for (int r = 0; r < kDropReasonCount; ++r) {
-    const std::uint64_t count = c.dropped[static_cast<std::size_t>(r)].load(std::memory_order_relaxed);
-    dropped += count;
-    drops += fmt::format("stillmap_frames_dropped_total{{reason=\"{}\"}} {}\n", to_string(static_cast<DropReason>(r)), count);
-  }
+  const std::uint64_t dropped = std::accumulate(drops_logged_.begin(), drops_logged_.end(), std::uint64_t{0});
   const char* state = to_string(static_cast<TrackState>(c.state.load(std::memory_order_relaxed)));
   const std::uint64_t rss = resident_kb();
   const std::string json = fmt::format(
@@ -62,8 +100,9 @@ void Health::publish() {
       "# TYPE stillmap_detector_runs_total counter\nstillmap_detector_runs_total {}\n"
       "# TYPE stillmap_tracking_state gauge\nstillmap_tracking_state {}\n"
       "# TYPE stillmap_fps gauge\nstillmap_fps {:.2f}\n"
-      "# TYPE stillmap_resident_bytes gauge\nstillmap_resident_bytes {}\n",
-      c.offered.load(), processed, drops, c.lost.load(), c.detector_runs.load(), c.state.load(), fps, rss * 1024);
+      "# TYPE stillmap_resident_bytes gauge\nstillmap_resident_bytes {}\n{}",
+      c.offered.load(), processed, drop_lines(c), c.lost.load(), c.detector_runs.load(), c.state.load(), fps, rss * 1024,
+      pool_lines(context_));
   if (!context_.stages.stream->publish_health(json, metrics)) spdlog::warn("health text is too long for the stream");
 }
 

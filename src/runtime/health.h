@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
+
 #include "runtime/run_context.h"
 
 namespace stillmap {
@@ -10,18 +12,20 @@ namespace stillmap {
 class Health {
  public:
   explicit Health(RunContext& context) : context_(context) {}
-  /// Log what happened since the last call; once a second, new texts for the stream.
+  /// Logs what happened since the last call; once a second, also what was dropped, and new texts for the stream.
   void tick();
+  /// The last words, when every stage has ended.
+  void finish();
 
  private:
+  void log_events();
+  void log_drops();
   void publish();
   RunContext& context_;
   Nanoseconds started_ns_ = monotonic_now();
   Nanoseconds published_ns_ = 0;
   std::uint64_t processed_before_ = 0;
+  std::array<std::uint64_t, kDropReasonCount> drops_logged_{};
 };
-
-/// Logs the events that have gathered; used at the end of a lockstep run too.
-void log_events(RunContext& context);
 
 }  // namespace stillmap

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <bit>
+#include <cmath>
 #include <cstdint>
 
 #include "core/time.h"
@@ -22,13 +23,14 @@ class LatencyHistogram {
   }
   std::uint64_t count() const { return count_; }
   double max_ms() const { return to_ms(max_ns_); }
-  /// The time that a share (0 to 1) of all is not above; 0 without any.
+  /// The least time that a share (0 to 1) of all is not above; 0 without any.
   double quantile_ms(double share) const {
-    const auto wanted = static_cast<std::uint64_t>(share * static_cast<double>(count_));
+    // 0.95 of 20 is 19, whatever the rounding of 0.95 makes of it.
+    const double rank = std::max(1.0, std::ceil(share * static_cast<double>(count_) - 1e-6));
     std::uint64_t seen = 0;
     for (std::size_t b = 0; b < counts_.size(); ++b) {
       seen += counts_[b];
-      if (seen > wanted) return std::min(upper_us(b) / 1000, max_ms());
+      if (static_cast<double>(seen) >= rank) return std::min(upper_us(b) / 1000, max_ms());
     }
     return max_ms();
   }

@@ -4,6 +4,7 @@
 
 #include "runtime/capture.h"
 #include "runtime/heap_count.h"
+#include "runtime/health.h"
 #include "runtime/run_context.h"
 
 namespace stillmap {
@@ -18,7 +19,9 @@ class DelayedDetections {
     std::uint64_t due_frame = 0;
     DetectedFrame detected;
   };
-  Item& add() { return queue_[(first_ + count_++) % queue_.size()]; }
+  /// Where the next item is made; it counts from `add` on.
+  Item& next() { return queue_[(first_ + count_) % queue_.size()]; }
+  void add() { ++count_; }
   Item* due(std::uint64_t frame) { return count_ > 0 && queue_[first_].due_frame <= frame ? &queue_[first_] : nullptr; }
   void pop() {
     queue_[first_].detected.frame.reset();
@@ -34,25 +37,28 @@ class DelayedDetections {
 }  // namespace
 
 void run_lockstep(RunContext& context) {
-  Capture capture(context.driver, context.stages.frames, context.counters, context.capture_log);
+  Capture capture(context.driver, context.stages.frames, context.counters, context.capture_log,
+                  context.options.duration_s);
+  Health health(context);
   DelayedDetections delayed(context.options.detector_delay);
-  Nanoseconds first_stamp_ns = 0;
   for (std::uint64_t n = 0; !context.stop.load(std::memory_order_relaxed);) {
+    health.tick();
     FrameHandle frame;
-    const Capture::Outcome outcome = capture.next(frame, 0);
+    const Capture::Outcome outcome = capture.next(frame, monotonic_now() + 100'000'000);
     if (outcome == Capture::Outcome::Nothing) continue;
     if (outcome != Capture::Outcome::Frame) {
       context.source_lost = outcome == Capture::Outcome::Lost;
       break;
     }
-    if (n == 0) first_stamp_ns = frame->colour_ns;
-    if (context.options.duration_s > 0 && to_seconds(frame->colour_ns - first_stamp_ns) > context.options.duration_s) break;
-
     if (context.detector != nullptr && n % static_cast<std::uint64_t>(context.options.detector_every) == 0) {
-      DelayedDetections::Item& item = delayed.add();
+      DelayedDetections::Item& item = delayed.next();
       item.due_frame = n + static_cast<std::uint64_t>(context.options.detector_delay);
       item.detected.frame = frame.share();
-      if (!detect_frame(context, *frame, item.detected.boxes)) item.detected.boxes.items.clear();
+      if (detect_frame(context, *frame, item.detected.boxes)) {
+        delayed.add();
+      } else {
+        item.detected.frame.reset();
+      }
     }
     if (auto* item = delayed.due(n)) context.stages.track.take_boxes(item->detected.boxes);
     const bool has_pose = track_frame(context, *frame);
@@ -68,6 +74,7 @@ void run_lockstep(RunContext& context) {
       if (item->detected.frame->sequence != frame->sequence) context.stages.map.take_detected(std::move(item->detected));
       delayed.pop();
     }
+    context.counters.blocks.note(context.stages.map.map().usage());
     if (context.stages.stream) {
       context.stages.map.answer_cloud_request(*context.stages.stream);
       const HeapScope stream_scope(HeapOwner::Stream);
@@ -75,6 +82,7 @@ void run_lockstep(RunContext& context) {
     }
     ++n;
   }
+  health.finish();
 }
 
 }  // namespace stillmap

@@ -19,6 +19,7 @@ void MapStage::take_frame(PosedFrame&& posed) {
   newest_ns_ = frame.colour_ns;
   const RecentPose& pose = recent_[frame.sequence % recent_.size()] = {frame.sequence, posed.T_map_colour, posed.T_map_depth,
                                                                        posed.reference_keyframe};
+  if (posed.boxes_are_its_own) last_boxes_ns_ = newest_ns_;
   const bool detector_silent =
       newest_ns_ - last_boxes_ns_ > static_cast<Nanoseconds>(config_.detector.max_age_ms) * 1'000'000;
   if (has_detector_ && !posed.boxes_are_its_own && !detector_silent) return;  // its own boxes are on their way

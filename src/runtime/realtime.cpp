@@ -2,6 +2,7 @@
 #include <pthread.h>
 #include <sys/resource.h>
 
+#include <algorithm>
 #include <thread>
 #include <utility>
 
@@ -18,7 +19,8 @@ namespace stillmap {
 namespace {
 
 constexpr Nanoseconds kMillisecond = 1'000'000;
-constexpr Nanoseconds kIdleWait = 50 * kMillisecond;  // a lost wake would cost this much and no more
+// A lost wake would cost this much and no more; a thread that waits sees the wish to stop as often.
+constexpr Nanoseconds kIdleWait = 50 * kMillisecond;
 
 /// The threads' shared part. Frames go capture -> track -> map through rings in which every item counts; the detector
 /// sees the newest frame only. The end of the stream travels as an item of its own behind the last frame, so each
@@ -51,7 +53,8 @@ void push_end(Ring& ring, Waker& consumer, Waker& self) {
 
 void capture_thread(RunContext& context, Lanes& lanes) {
   name_thread("capture");
-  Capture capture(context.driver, context.stages.frames, context.counters, context.capture_log);
+  Capture capture(context.driver, context.stages.frames, context.counters, context.capture_log,
+                  context.options.duration_s);
   const bool paced = context.driver.describe().is_log;
   Nanoseconds start_ns = 0, first_stamp_ns = 0;
   while (!context.stop.load(std::memory_order_relaxed)) {
@@ -69,13 +72,12 @@ void capture_thread(RunContext& context, Lanes& lanes) {
       start_ns = monotonic_now();
       first_stamp_ns = frame->colour_ns;
     }
-    const Nanoseconds since_first = frame->colour_ns - first_stamp_ns;
-    if (context.options.duration_s > 0 && to_seconds(since_first) > context.options.duration_s) break;
     if (paced) {
       // The log plays on the wall clock: the frame was decoded ahead and is due now.
-      frame.writable().due_ns = start_ns + since_first;
-      while (monotonic_now() < start_ns + since_first && !context.stop.load(std::memory_order_relaxed)) {
-        lanes.capture_waker.wait(lanes.capture_waker.ticket(), start_ns + since_first - monotonic_now());
+      const Nanoseconds due_ns = start_ns + frame->colour_ns - first_stamp_ns;
+      frame.writable().due_ns = due_ns;
+      while (monotonic_now() < due_ns && !context.stop.load(std::memory_order_relaxed)) {
+        lanes.capture_waker.wait(lanes.capture_waker.ticket(), std::min(due_ns - monotonic_now(), kIdleWait));
       }
     }
     FrameHandle for_detector = frame.share();
@@ -159,6 +161,7 @@ void map_thread(RunContext& context, Lanes& lanes) {
       held.reset();
       idle = false;
     }
+    context.counters.blocks.note(context.stages.map.map().usage());
     if (context.stages.stream) context.stages.map.answer_cloud_request(*context.stages.stream);
     if (idle && !end) lanes.map_waker.wait(ticket, kIdleWait);
   }
@@ -198,7 +201,7 @@ void run_realtime(RunContext& context) {
   // What the detector finished after the map had ended is let go of here, with the lanes.
   lanes.stream_end.store(true, std::memory_order_release);
   if (stream.joinable()) stream.join();
-  health.tick();
+  health.finish();
 }
 
 }  // namespace stillmap

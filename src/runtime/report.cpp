@@ -14,10 +14,14 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-double rounded(double value, double step) { return std::isfinite(value) ? std::round(value / step) * step : value; }
+/// To so many decimals; a number that is none stays so, and JSON shows it as null.
+double rounded(double value, int decimals) {
+  const double unit = std::pow(10, decimals);
+  return std::round(value * unit) / unit;
+}
 
 Json quantiles(const LatencyHistogram& h) {
-  const auto ms = [](double v) { return rounded(v, 0.001); };
+  const auto ms = [](double v) { return rounded(v, 3); };
   return {{"p50", ms(h.quantile_ms(0.5))}, {"p95", ms(h.quantile_ms(0.95))}, {"p99", ms(h.quantile_ms(0.99))}, {"max", ms(h.max_ms())}};
 }
 
@@ -79,7 +83,7 @@ Json map_part(const RunContext& context) {
           {"blocks_capacity", blocks.capacity},
           {"blocks_evicted", map.blocks_evicted()},
           {"voxel_m", map.voxel_m()},
-          {"point_reduction", rounded(map.point_reduction(), 0.001)},
+          {"point_reduction", rounded(map.point_reduction(), 3)},
           {"frames_fused", map.fused_frames()},
           {"frames_fused_with_own_boxes", counts.own_boxes}};
 }
@@ -97,6 +101,8 @@ Json accuracy_part(const Accuracy& a) {
 }
 
 }  // namespace
+
+std::string accuracy_json(const Accuracy& accuracy) { return accuracy_part(accuracy).dump() + "\n"; }
 
 std::string make_report(const RunContext& context, const ReportFacts& facts) {
   const RunCounters& c = context.counters;
@@ -117,12 +123,12 @@ std::string make_report(const RunContext& context, const ReportFacts& facts) {
                           {"track", quantiles(context.track_log.track_time)},
                           {"detect", quantiles(context.detect_log.run_time)},
                           {"fuse", quantiles(context.stages.map.fuse_time())}};
-  report["throughput_fps"] = rounded(wall_s > 0 ? static_cast<double>(c.processed.load()) / wall_s : 0, 0.01);
-  report["cpu_s"] = rounded(facts.cpu_s, 0.001);
-  report["cpu_decode_s"] = rounded(to_seconds(context.capture_log.decode_cpu_ns), 0.001);
-  report["wall_s"] = rounded(wall_s, 0.001);
+  report["throughput_fps"] = rounded(wall_s > 0 ? static_cast<double>(c.processed.load()) / wall_s : 0, 2);
+  report["cpu_s"] = rounded(facts.cpu_s, 3);
+  report["cpu_decode_s"] = rounded(to_seconds(context.capture_log.decode_cpu_ns), 3);
+  report["wall_s"] = rounded(wall_s, 3);
   const Nanoseconds first_pose = context.track_log.first_pose_ns;
-  report["start_to_first_pose_ms"] = first_pose == 0 ? Json() : Json(rounded(to_ms(first_pose - facts.process_start_ns), 0.1));
+  report["start_to_first_pose_ms"] = first_pose == 0 ? Json() : Json(rounded(to_ms(first_pose - facts.process_start_ns), 1));
   report["detector"] = {{"model", facts.model},
                         {"runs", c.detector_runs.load()},
                         {"failures", c.detector_failures.load()},
@@ -136,7 +142,8 @@ std::string make_report(const RunContext& context, const ReportFacts& facts) {
   const StreamStats stream = context.stages.stream ? context.stages.stream->stats() : StreamStats{};
   report["stream"] = {{"clients_peak", stream.clients_peak}, {"bytes_sent", stream.bytes_sent}, {"messages_dropped", stream.messages_dropped}};
   if (facts.accuracy) report["accuracy"] = accuracy_part(*facts.accuracy);
-  return report.dump(2) + "\n";
+  // A path that is no UTF-8 must not cost the report.
+  return report.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
 }
 
 }  // namespace stillmap

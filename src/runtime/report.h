@@ -21,4 +21,7 @@ struct ReportFacts {
 /// The run as JSON with the keys of the project's contract (docs/report.md). After the run.
 std::string make_report(const RunContext& context, const ReportFacts& facts);
 
+/// The report's part `accuracy` alone, on one line; null where a figure does not exist.
+std::string accuracy_json(const Accuracy& accuracy);
+
 }  // namespace stillmap

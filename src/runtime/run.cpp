@@ -6,13 +6,12 @@
 
 #include <csignal>
 #include <ctime>
-#include <fstream>
 
 #include "detect/model_file.h"
 #include "eval/accuracy.h"
 #include "map/ply.h"
-#include "runtime/health.h"
 #include "runtime/memory_use.h"
+#include "runtime/output_file.h"
 #include "runtime/report.h"
 #include "runtime/run_context.h"
 #include "runtime/source.h"
@@ -42,26 +41,20 @@ double process_cpu_s() {
   return static_cast<double>(t.tv_sec) + static_cast<double>(t.tv_nsec) * 1e-9;
 }
 
-Status write_text(const std::string& path, const std::string& text) {
-  std::ofstream file(path, std::ios::binary);
-  file << text;
-  file.flush();
-  if (file) return {};
-  return Error{ExitCode::RunFailed, path + ": cannot be written; check the folder, its permissions and the space left"};
-}
-
 /// Refuses before the run what could only fail after it.
 Status check_outputs(const RunOptions& o) {
   for (const std::string* path : {&o.trajectory, &o.trajectory_final, &o.map, &o.report}) {
     if (path->empty()) continue;
-    std::ofstream probe(*path, std::ios::app);
-    if (!probe) return Error{ExitCode::RunFailed, *path + ": cannot be written; check the folder and its permissions"};
+    if (Status s = check_writable(*path); !s.ok()) return s;
   }
   if (!o.map.empty() && !o.map.ends_with(".ply")) {
     return Error{ExitCode::WrongConfig, "--map " + o.map + ": expected a file name that ends in .ply"};
   }
   return {};
 }
+
+/// A run in which no frame could be used leaves earlier outputs as they are, but for the report, which counts why.
+bool has_results(const RunContext& context) { return context.counters.processed.load() > 0 || context.stop.load(); }
 
 Status write_outputs(const RunContext& context, ReportFacts& facts, const std::vector<StampedPose>& groundtruth,
                      const std::vector<Nanoseconds>& stamps) {
@@ -72,10 +65,11 @@ Status write_outputs(const RunContext& context, ReportFacts& facts, const std::v
   const auto keep_first = [&](const Status& s) {
     if (!s.ok() && first.ok()) first = s;
   };
-  if (!o.trajectory.empty()) keep_first(write_trajectory(o.trajectory, context.track_log.causal, header));
-  if (!o.trajectory_final.empty()) keep_first(write_trajectory(o.trajectory_final, context.track_log.causal, header));
-  if (!o.map.empty()) keep_first(write_ply(context.stages.map.map(), o.map));
-  if (!groundtruth.empty()) {
+  const bool results = has_results(context);
+  if (results && !o.trajectory.empty()) keep_first(write_trajectory(o.trajectory, context.track_log.causal, header));
+  if (results && !o.trajectory_final.empty()) keep_first(write_trajectory(o.trajectory_final, context.track_log.causal, header));
+  if (results && !o.map.empty()) keep_first(write_ply(context.stages.map.map(), o.map));
+  if (results && !groundtruth.empty()) {
     const Result<Accuracy> accuracy = evaluate(groundtruth, context.track_log.causal, stamps);
     if (accuracy.ok()) facts.accuracy = accuracy.value();
     if (!accuracy.ok()) spdlog::warn("no accuracy: {}", accuracy.error().message);
@@ -110,8 +104,19 @@ Status check_budget(const Arena& planning, const Config& config) {
                                                   mb, config.memory.budget_mb)};
 }
 
+Status run_outcome(const RunContext& context) {
+  const std::string& source = context.options.source;
+  if (context.source_lost) return Error{ExitCode::RunFailed, source + ": the source is gone; check its cable and power"};
+  if (!has_results(context)) {
+    return Error{ExitCode::UnreadableInput, source + ": no frame could be used; the report (--report FILE) counts why"};
+  }
+  return {};
+}
+
 Status run(const RunOptions& options) {
   const Nanoseconds process_start_ns = monotonic_now();
+  stop_requested.store(false);
+  handle_signals();
   spdlog::set_default_logger(std::make_shared<spdlog::logger>("stillmap", std::make_shared<spdlog::sinks::stderr_sink_mt>()));
   const Result<LoadedConfig> loaded = load_config(options.configs, options.overrides);
   if (!loaded.ok()) return loaded.error();
@@ -151,12 +156,11 @@ Status run(const RunOptions& options) {
   const auto stages = std::make_unique<Stages>(arena, config, parts);
   if (stages->stream) {
     if (Status s = stages->stream->open(); !s.ok()) return s;
-    spdlog::info("stream at port {} (open http://{} or point Foxglove at ws://{})", stages->stream->port(), config.stream.listen,
-                 config.stream.listen);
+    const std::string& listen = config.stream.listen;
+    const std::string at = fmt::format("{}:{}", listen.substr(0, listen.rfind(':')), stages->stream->port());
+    spdlog::info("stream: open http://{} or point Foxglove at ws://{}", at, at);
   }
 
-  stop_requested.store(false);
-  handle_signals();
   const auto context = std::make_unique<RunContext>(config, options, *source.value().driver, detector.get(), *stages, stop_requested);
   constexpr std::size_t kPosesOfACamera = 200'000;
   context->track_log.causal.reserve(source.value().stamps.empty() ? kPosesOfACamera : source.value().stamps.size());
@@ -181,16 +185,11 @@ Status run(const RunOptions& options) {
   facts.cpu_s = process_cpu_s() - cpu_start_s;
   source.value().driver->stop();
   if (stages->stream) stages->stream->stop();
-  log_events(*context);
 
   Status written = write_outputs(*context, facts, groundtruth, source.value().stamps);
   say_summary(*context, facts);
   if (!written.ok()) return written;
-  if (context->source_lost) return Error{ExitCode::RunFailed, options.source + ": the source is gone; check its cable and power"};
-  if (context->counters.processed.load() == 0 && !stop_requested.load()) {
-    return Error{ExitCode::UnreadableInput, options.source + ": no frame could be used; the report counts why"};
-  }
-  return {};
+  return run_outcome(*context);
 }
 
 }  // namespace stillmap

@@ -6,6 +6,7 @@
 
 #include "core/arena.h"
 #include "core/config.h"
+#include "runtime/run_context.h"
 #include "runtime/run_options.h"
 #include "runtime/stages.h"
 
@@ -14,6 +15,9 @@ namespace stillmap {
 /// The whole of `stillmap run`: configuration, source, pipeline, outputs. Ends on the source's end, SIGINT or SIGTERM
 /// with every output complete.
 Status run(const RunOptions& options);
+
+/// What the end of a run means: RunFailed where the source was lost, UnreadableInput where no frame could be used.
+Status run_outcome(const RunContext& context);
 
 /// The memory that a run with these parts takes from its arena.
 void plan_memory(Arena& planning, const Config& config, const Stages::Parts& parts);

@@ -10,11 +10,11 @@ namespace {
 
 void note_state(RunContext& context, const TrackingResult& result, TrackState before) {
   if (result.state == before) return;
-  EventCode code = EventCode::TrackingLost;
+  EventCode code = EventCode::TrackingWeak;
   if (before == TrackState::Initializing) code = EventCode::TrackingStarted;
   if (before == TrackState::Lost) code = EventCode::Relocalized;
-  if (before == TrackState::Tracking && result.state == TrackState::Weak) code = EventCode::TrackingWeak;
   if (before == TrackState::Weak && result.state == TrackState::Tracking) return;
+  if (result.state == TrackState::Lost) code = EventCode::TrackingLost;
   static_cast<void>(context.events_of(Stage::Track).try_push({monotonic_now(), Stage::Track, code, result.sequence, result.inliers, 0}));
 }
 
@@ -30,6 +30,8 @@ bool track_frame(RunContext& context, const FrameSlot& frame) {
   context.track_log.note(result, before, frame.due_ns, context.counters);
   if (first && context.track_log.first_pose_ns != 0) start_heap_count();
   note_state(context, result, before);
+  context.counters.points.note(context.stages.track.tracker().point_usage());
+  context.counters.keyframe_pool.note(context.stages.track.tracker().keyframe_usage());
   if (!result.has_pose()) return false;
   if (context.stages.stream) {
     const Pose T_base_camera = context.stages.track.T_base_camera();

@@ -7,13 +7,27 @@
 #include <vector>
 
 #include "core/event.h"
+#include "core/fixed_vector.h"
 #include "core/tracking_result.h"
 #include "eval/trajectory.h"
 #include "runtime/latency.h"
 
 namespace stillmap {
 
-/// Counts of a run. Each is written by one thread and may be read by any.
+/// A pool's usage as its thread last noted it, for other threads to read.
+struct PoolMark {
+  std::atomic<const char*> name{nullptr};  ///< null: not noted yet
+  std::atomic<std::uint64_t> capacity{0}, high_water{0}, refused{0};
+
+  void note(const PoolUsage& usage) {
+    capacity.store(usage.capacity, std::memory_order_relaxed);
+    high_water.store(usage.high_water, std::memory_order_relaxed);
+    refused.store(usage.refused, std::memory_order_relaxed);
+    name.store(usage.name, std::memory_order_release);
+  }
+};
+
+/// Counts of a run. Each is written by one thread, but for `dropped`, and may be read by any.
 struct RunCounters {
   using Count = std::atomic<std::uint64_t>;
   Count offered{0}, processed{0};
@@ -23,8 +37,12 @@ struct RunCounters {
   Count detector_runs{0}, detector_failures{0};
   std::atomic<int> state{0};  ///< TrackState
   Count newest_sequence{0};
+  PoolMark points, keyframe_pool, blocks;
 
-  void drop(DropReason reason) { bump(dropped[static_cast<std::size_t>(reason)]); }
+  /// Capture and tracker both drop frames that the tracker is too late for.
+  void drop(DropReason reason) {
+    dropped[static_cast<std::size_t>(reason)].fetch_add(1, std::memory_order_relaxed);
+  }
   /// For a count that only this thread writes: no locked instruction.
   static void bump(Count& count, std::uint64_t by = 1) {
     count.store(count.load(std::memory_order_relaxed) + by, std::memory_order_relaxed);
