@@ -13,7 +13,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
-std::string temporary_name(const std::string& path) { return path + ".part"; }
+std::string temporary_name(const std::string& path) {
+  return path + ".part";
+}
 
 bool is_replaced_whole(const std::string& path) {
   std::error_code ignored;
@@ -21,14 +23,16 @@ bool is_replaced_whole(const std::string& path) {
 }
 
 Error cannot_write(const std::string& path) {
-  return {ExitCode::RunFailed, path + ": cannot be written; check the folder, its permissions and the space left"};
+  return {ExitCode::RunFailed,
+          path + ": cannot be written; check the folder, its permissions and the space left"};
 }
 
 }  // namespace
 
 Status check_writable(const std::string& path) {
   std::error_code ignored;
-  if (fs::is_directory(path, ignored)) return Error{ExitCode::RunFailed, path + ": is a folder; name a file in it"};
+  if (fs::is_directory(path, ignored))
+    return Error{ExitCode::RunFailed, path + ": is a folder; name a file in it"};
   bool good = false;
   if (is_replaced_whole(path)) {
     good = std::ofstream(temporary_name(path)).good();

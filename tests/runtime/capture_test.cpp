@@ -1,0 +1,185 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/capture.h"
+
+#include <gtest/gtest.h>
+
+#include <vector>
+
+#include "tests/runtime/scripted_driver.h"
+
+namespace stillmap {
+namespace {
+
+using test::ScriptedDriver;
+using Grab = ScriptedDriver::Grab;
+
+constexpr int kWidth = 32, kHeight = 16, kFrames = 4;
+constexpr Nanoseconds kFrame_ns = 33'000'000;
+
+/// A capture from a scripted source into a pool of kFrames frames.
+struct Bench {
+  Bench(std::vector<Grab> grabs, bool is_log, double duration_s = 0)
+      : arena(1 << 20),
+        pool(arena, kFrames, kWidth, kHeight),
+        driver({.name = "scripted", .width = kWidth, .height = kHeight, .is_log = is_log}, std::move(grabs),
+               [](int picture, FrameSlot& slot) {
+                 slot.colour.at(0, 0) = {static_cast<std::uint8_t>(picture), 0, 0};
+               }),
+        capture(driver, pool, counters, log, duration_s) {}
+  Capture::Outcome next(FrameHandle& out) { return capture.next(out, monotonic_now()); }
+  std::uint64_t dropped(DropReason reason) const {
+    return counters.dropped[static_cast<std::size_t>(reason)].load();
+  }
+
+  Arena arena;
+  FramePool pool;
+  RunCounters counters;
+  CaptureLog log;
+  ScriptedDriver driver;
+  Capture capture;
+};
+
+std::vector<Grab> frames(int count) {
+  std::vector<Grab> grabs;
+  for (int i = 0; i < count; ++i) grabs.push_back({.stamp_ns = (i + 1) * kFrame_ns, .picture = i});
+  return grabs;
+}
+
+TEST(MakeGrey, IsBt601WithinOneLevelOnEveryColour) {
+  std::vector<Bgr> colour;
+  for (int b = 0; b < 256; b += 5) {
+    for (int g = 0; g < 256; g += 5) {
+      for (int r = 0; r < 256; r += 5) {
+        colour.push_back(
+            {static_cast<std::uint8_t>(b), static_cast<std::uint8_t>(g), static_cast<std::uint8_t>(r)});
+      }
+    }
+  }
+  const int n = static_cast<int>(colour.size());
+  std::vector<std::uint8_t> grey(colour.size());
+  make_grey(ImageView<const Bgr>{colour.data(), n, 1, n}, ImageView<std::uint8_t>{grey.data(), n, 1, n});
+  for (std::size_t i = 0; i < colour.size(); ++i) {
+    const double luma = 0.114 * colour[i].b + 0.587 * colour[i].g + 0.299 * colour[i].r;
+    ASSERT_NEAR(grey[i], luma, 1.0) << int{colour[i].b} << " " << int{colour[i].g} << " " << int{colour[i].r};
+  }
+  EXPECT_EQ(grey.front(), 0);
+  EXPECT_EQ(grey.back(), 255);
+}
+
+TEST(MakeGrey, KeepsWithinTheRowsOfAWiderPicture) {
+  std::vector<Bgr> colour(30, Bgr{200, 200, 200});
+  std::vector<std::uint8_t> grey(30, 7);
+  make_grey(ImageView<const Bgr>{colour.data(), 4, 3, 10}, ImageView<std::uint8_t>{grey.data(), 4, 3, 10});
+  for (std::size_t i = 0; i < grey.size(); ++i) EXPECT_EQ(grey[i], i % 10 < 4 ? 200 : 7) << i;
+}
+
+TEST(Capture, NumbersFramesAndMakesGrey) {
+  Bench bench(frames(3), true);
+  for (std::uint64_t i = 0; i < 3; ++i) {
+    FrameHandle frame;
+    const Nanoseconds before = monotonic_now();
+    ASSERT_EQ(bench.next(frame), Capture::Outcome::Frame);
+    EXPECT_EQ(frame->sequence, i);
+    EXPECT_EQ(frame->colour_ns, static_cast<Nanoseconds>(i + 1) * kFrame_ns);
+    EXPECT_GE(frame->due_ns, before);
+    EXPECT_EQ(frame->colour.at(0, 0).b, i);
+    EXPECT_EQ(frame->grey.at(0, 0), (29 * i + 128) >> 8);
+  }
+  FrameHandle none;
+  EXPECT_EQ(bench.next(none), Capture::Outcome::End);
+  EXPECT_FALSE(none);
+  EXPECT_EQ(bench.counters.offered.load(), 3u);
+  EXPECT_EQ(bench.log.decode_time.count(), 3u);
+}
+
+TEST(Capture, CountsEachReasonAndLeavesAGapInTheNumbers) {
+  Bench bench({{.stamp_ns = 1},
+               {.status = GrabStatus::Dropped, .reason = DropReason::MissingFile},
+               {.status = GrabStatus::Dropped, .reason = DropReason::CorruptDepth},
+               {.status = GrabStatus::Timeout},
+               {.stamp_ns = 2},
+               {.status = GrabStatus::Lost}},
+              true);
+  FrameHandle frame;
+  ASSERT_EQ(bench.next(frame), Capture::Outcome::Frame);
+  for (int i = 0; i < 3; ++i) EXPECT_EQ(bench.next(frame), Capture::Outcome::Nothing);
+  ASSERT_EQ(bench.next(frame), Capture::Outcome::Frame);
+  EXPECT_EQ(frame->sequence, 3u);
+  EXPECT_EQ(bench.next(frame), Capture::Outcome::Lost);
+  EXPECT_EQ(bench.counters.offered.load(), 4u);
+  EXPECT_EQ(bench.dropped(DropReason::MissingFile), 1u);
+  EXPECT_EQ(bench.dropped(DropReason::CorruptDepth), 1u);
+  EXPECT_EQ(bench.dropped(DropReason::CorruptColour), 0u);
+}
+
+TEST(Capture, StampsThatDoNotRiseAreDropped) {
+  Bench bench({{.stamp_ns = 0},
+               {.stamp_ns = 0},
+               {.stamp_ns = 50},
+               {.stamp_ns = 40},
+               {.stamp_ns = 50},
+               {.stamp_ns = 51}},
+              false);
+  std::vector<Nanoseconds> stamps;
+  for (int i = 0; i < 6; ++i) {
+    FrameHandle frame;
+    if (bench.next(frame) == Capture::Outcome::Frame) stamps.push_back(frame->colour_ns);
+  }
+  EXPECT_EQ(stamps, (std::vector<Nanoseconds>{0, 50, 51}));
+  EXPECT_EQ(bench.dropped(DropReason::TimeJump), 3u);
+  EXPECT_EQ(bench.counters.offered.load(), 6u);
+}
+
+TEST(Capture, ACameraIsReadWhileThePoolIsExhausted) {
+  Bench bench(frames(10), false);
+  std::vector<FrameHandle> held;
+  for (int i = 0; i < 8; ++i) {
+    FrameHandle frame;
+    const bool free = i < kFrames - 1;
+    ASSERT_EQ(bench.next(frame), free ? Capture::Outcome::Frame : Capture::Outcome::Nothing) << i;
+    if (frame) held.push_back(std::move(frame));
+    EXPECT_EQ(bench.driver.grabbed(),
+              static_cast<std::size_t>(i + 1));  // one frame of the camera for each call
+  }
+  EXPECT_EQ(bench.dropped(DropReason::NoFreeSlot), 5u);
+  EXPECT_EQ(bench.counters.offered.load(), 8u);
+  held.pop_back();
+  FrameHandle frame;
+  ASSERT_EQ(bench.next(frame), Capture::Outcome::Frame);
+  EXPECT_EQ(frame->sequence, 8u);
+  EXPECT_EQ(frame->colour.at(0, 0).b, 8);  // the newest, not one that waited
+}
+
+TEST(Capture, ALogWaitsForThePool) {
+  Bench bench(frames(10), true);
+  std::vector<FrameHandle> held;
+  for (int i = 0; i < 8; ++i) {
+    FrameHandle frame;
+    if (bench.next(frame) == Capture::Outcome::Frame) held.push_back(std::move(frame));
+  }
+  EXPECT_EQ(held.size(), static_cast<std::size_t>(kFrames - 1));
+  EXPECT_EQ(bench.counters.offered.load(), held.size());  // the one that waits is not offered yet
+  for (std::uint64_t i = held.size(); i < 10; ++i) {
+    held.erase(held.begin());
+    FrameHandle frame;
+    ASSERT_EQ(bench.next(frame), Capture::Outcome::Frame) << i;
+    EXPECT_EQ(frame->sequence, i);
+    EXPECT_EQ(frame->colour.at(0, 0).b, i);
+    held.push_back(std::move(frame));
+  }
+  FrameHandle none;
+  EXPECT_EQ(bench.next(none), Capture::Outcome::End);
+  EXPECT_EQ(bench.counters.offered.load(), 10u);
+  for (const auto& count : bench.counters.dropped) EXPECT_EQ(count.load(), 0u);
+}
+
+TEST(Capture, EndsAfterItsDurationWithoutCountingTheFrameBeyond) {
+  Bench bench(frames(10), true, 2.5 * to_seconds(kFrame_ns));
+  int count = 0;
+  for (FrameHandle frame; bench.next(frame) == Capture::Outcome::Frame;) ++count;
+  EXPECT_EQ(count, 3);
+  EXPECT_EQ(bench.counters.offered.load(), 3u);
+}
+
+}  // namespace
+}  // namespace stillmap

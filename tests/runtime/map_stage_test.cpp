@@ -1,0 +1,149 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/map_stage.h"
+
+#include <gtest/gtest.h>
+
+#include "segment/segment.h"
+#include "tests/runtime/wall_scene.h"
+
+namespace stillmap {
+namespace {
+
+using test::WallScene;
+
+constexpr std::size_t kFrames = 6;
+
+struct MapStageBench {
+  explicit MapStageBench(bool has_detector, Config c = WallScene::config())
+      : config(std::move(c)),
+        arena(64 << 20),
+        pool(arena, kFrames, WallScene::kWidth, WallScene::kHeight),
+        rays(arena, config.camera),
+        stage(arena, config, rays, has_detector) {}
+
+  FrameHandle frame(int index) {
+    FrameHandle frame = pool.acquire();
+    scene.draw(index, frame.writable());
+    frame.writable().sequence = static_cast<std::uint64_t>(index);
+    return frame;
+  }
+  Detections boxes(const FrameSlot& frame) const {
+    Detections boxes{frame.sequence, frame.colour_ns, {}};
+    EXPECT_TRUE(boxes.items.try_push_back(
+        {WallScene::thing(static_cast<int>(frame.sequence)), 0, ClassKind::Dynamic, 0.9f, 1}));
+    return boxes;
+  }
+  void take_frame(const FrameHandle& frame, bool own_boxes) {
+    PosedFrame posed;
+    posed.frame = frame.share();
+    posed.T_map_colour = posed.T_map_depth = WallScene::T_first_camera(static_cast<int>(frame->sequence));
+    posed.boxes_are_its_own = own_boxes;
+    const Detections mask_of = own_boxes ? boxes(*frame) : Detections{};
+    segment(mask_of, frame->depth, config.camera, config.track.dynamic_rule, posed.mask);
+    stage.take_frame(std::move(posed));
+  }
+  void take_detected(FrameHandle frame) {
+    DetectedFrame detected;
+    detected.boxes = boxes(*frame);
+    detected.frame = std::move(frame);
+    stage.take_detected(std::move(detected));
+  }
+  void expect_every_frame_free() {
+    std::vector<FrameHandle> all;
+    for (std::size_t i = 0; i < kFrames; ++i) all.push_back(pool.acquire());
+    for (const FrameHandle& handle : all) EXPECT_TRUE(handle);
+  }
+
+  WallScene scene;
+  Config config;
+  Arena arena;
+  FramePool pool;
+  RayTable rays;
+  MapStage stage;
+};
+
+/// The middle of the thing's front, in the map.
+Vec3 thing_in_map(int index) {
+  const Box b = WallScene::thing(index);
+  const double x = (b.x0 + b.x1) / 2.0, y = (b.y0 + b.y1) / 2.0;
+  return WallScene::T_first_camera(index) *
+         Vec3{(x - 159.5) / WallScene::kFocal_px, (y - 119.5) / WallScene::kFocal_px, WallScene::kThing_m};
+}
+
+TEST(MapStage, WithoutADetectorEveryNthFrameIsFused) {
+  MapStageBench bench(false);
+  for (int i = 0; i < 20; ++i) bench.take_frame(bench.frame(i), false);
+  EXPECT_EQ(bench.stage.map().fused_frames(), 10u);  // map.fuse_every is 2
+  EXPECT_EQ(bench.stage.counts().carried_boxes, 10u);
+  EXPECT_EQ(bench.stage.counts().own_boxes, 0u);
+  EXPECT_EQ(bench.stage.fuse_time().count(), 10u);
+  EXPECT_EQ(bench.stage.map().at(thing_in_map(18)), Occupancy::Occupied);  // nothing says that it moves
+  bench.expect_every_frame_free();
+}
+
+TEST(MapStage, FramesWithTheirOwnBoxesAreFusedAtOnceWithoutTheMover) {
+  MapStageBench bench(true);
+  for (int i = 0; i < 8; ++i) bench.take_frame(bench.frame(i), true);
+  EXPECT_EQ(bench.stage.counts().own_boxes, 4u);
+  EXPECT_EQ(bench.stage.counts().carried_boxes, 0u);
+  EXPECT_GT(bench.stage.map().occupied_voxels(), 100u);
+  EXPECT_NE(bench.stage.map().at(thing_in_map(6)), Occupancy::Occupied);
+}
+
+TEST(MapStage, AFrameWaitsForTheDetectorsWordOnIt) {
+  MapStageBench bench(true);
+  const FrameHandle first = bench.frame(0);
+  bench.take_frame(first, false);
+  bench.take_frame(bench.frame(1), false);
+  EXPECT_EQ(bench.stage.map().fused_frames(), 0u);
+  bench.take_detected(first.share());
+  EXPECT_EQ(bench.stage.counts().own_boxes, 1u);
+  EXPECT_EQ(bench.stage.counts().carried_boxes, 0u);
+  EXPECT_NE(bench.stage.map().at(thing_in_map(0)), Occupancy::Occupied);
+}
+
+TEST(MapStage, ASilentDetectorIsNotWaitedFor) {
+  MapStageBench bench(true);  // detector.max_age_ms is 700, 21 frames
+  int index = 0;
+  for (; index < 21; ++index) bench.take_frame(bench.frame(index), false);
+  EXPECT_EQ(bench.stage.map().fused_frames(), 0u);
+  for (; index < 31; ++index) bench.take_frame(bench.frame(index), false);
+  EXPECT_GE(bench.stage.counts().carried_boxes, 4u);
+  // It speaks again: its frames are waited for again.
+  const FrameHandle again = bench.frame(index++);
+  bench.take_frame(again, false);
+  bench.take_detected(again.share());
+  const auto before = bench.stage.counts();
+  for (int end = index + 15; index < end; ++index) bench.take_frame(bench.frame(index), false);
+  EXPECT_EQ(bench.stage.counts().carried_boxes, before.carried_boxes);
+}
+
+TEST(MapStage, BoxesThatComeWithTheirFrameAreNoSilence) {
+  MapStageBench bench(true);
+  for (int i = 0; i < 90; ++i) bench.take_frame(bench.frame(i), i % 15 == 0);
+  EXPECT_EQ(bench.stage.counts().own_boxes, 6u);
+  EXPECT_EQ(bench.stage.counts().carried_boxes, 0u);
+}
+
+TEST(MapStage, ADetectedFrameWithoutAPoseIsCountedAndLetGo) {
+  MapStageBench bench(true);
+  bench.take_frame(bench.frame(3), false);
+  bench.take_detected(bench.frame(2));
+  bench.take_detected(bench.frame(3 + 64));  // the same place in the list of recent poses
+  EXPECT_EQ(bench.stage.counts().unposed, 2u);
+  EXPECT_EQ(bench.stage.map().fused_frames(), 0u);
+  bench.expect_every_frame_free();
+}
+
+TEST(MapStage, AnOlderFrameThanTheLastFusedIsLeftOut) {
+  MapStageBench bench(true);
+  const FrameHandle old = bench.frame(4), newer = bench.frame(9);
+  bench.take_frame(old, false);
+  bench.take_frame(newer, false);
+  bench.take_detected(newer.share());
+  bench.take_detected(old.share());
+  EXPECT_EQ(bench.stage.map().fused_frames(), 1u);
+}
+
+}  // namespace
+}  // namespace stillmap

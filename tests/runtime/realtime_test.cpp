@@ -1,0 +1,185 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <gmock/gmock.h>
+
+#include <filesystem>
+#include <fstream>
+#include <set>
+#include <thread>
+
+#include "core/random.h"
+#include "tests/runtime/pipeline.h"
+
+namespace stillmap {
+namespace {
+
+using test::Pipeline;
+using test::wall_driver;
+using test::wall_frames;
+using test::WallScene;
+using Grab = test::ScriptedDriver::Grab;
+
+constexpr Nanoseconds kMillisecond = 1'000'000, kHour = 3'600'000'000'000;
+
+/// The run on a thread of its own, as the program's main thread is.
+struct Running {
+  explicit Running(Pipeline& p) : pipeline(p), thread([&p] { run_realtime(*p.context); }) {}
+  /// Asks for the end; how long it took.
+  double stop_s() {
+    pipeline.stop.store(true);
+    const Nanoseconds begin = monotonic_now();
+    thread.join();
+    return to_seconds(monotonic_now() - begin);
+  }
+  void wait_for_frames(std::uint64_t count) const {
+    while (pipeline.context->counters.processed.load() < count)
+      std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+  Pipeline& pipeline;
+  std::thread thread;
+};
+
+TEST(Realtime, ALogEndsWithEveryFrameAccounted) {
+  for (const bool with_detector : {false, true}) {
+    auto driver = wall_driver(true, wall_frames(45));
+    Pipeline pipeline(driver, {}, with_detector);
+    const Nanoseconds begin = monotonic_now();
+    run_realtime(*pipeline.context);
+    EXPECT_GE(to_seconds(monotonic_now() - begin), 44 / 30.0);  // on the wall clock
+    EXPECT_EQ(pipeline.context->counters.offered.load(), 45u);
+    EXPECT_GT(pipeline.context->counters.processed.load(), 0u);
+    EXPECT_EQ(pipeline.dropped(), pipeline.dropped(DropReason::TrackerBehind));
+    EXPECT_TRUE(run_outcome(*pipeline.context).ok());
+    EXPECT_EQ(pipeline.context->counters.detector_runs.load() > 0, with_detector);
+    EXPECT_GT(pipeline.stages->map.map().fused_frames(), 0u);
+    pipeline.expect_accounted();
+  }
+}
+
+TEST(Realtime, StopsWithinTwoSecondsAtAnyMoment) {
+  Random random(static_cast<std::uint64_t>(monotonic_now()));
+  for (int round = 0; round < 20; ++round) {
+    auto driver = wall_driver(true, wall_frames(100'000));
+    Pipeline pipeline(driver, {}, round % 2 == 0);
+    Running running(pipeline);
+    const std::uint32_t after_us = random.below(300'000);
+    std::this_thread::sleep_for(std::chrono::microseconds(after_us));
+    EXPECT_LT(running.stop_s(), 2) << "asked after " << after_us << " us";
+    EXPECT_TRUE(run_outcome(*pipeline.context).ok());
+    pipeline.expect_accounted();
+  }
+}
+
+TEST(Realtime, StopsWithinAPauseOfTheLog) {
+  std::vector<Grab> grabs = wall_frames(4);
+  for (std::size_t i = 2; i < grabs.size(); ++i) grabs[i].stamp_ns += kHour;
+  auto driver = wall_driver(true, grabs);
+  Pipeline pipeline(driver);
+  Running running(pipeline);
+  running.wait_for_frames(2);
+  std::this_thread::sleep_for(std::chrono::milliseconds(100));
+  EXPECT_LT(running.stop_s(), 2);
+  pipeline.expect_accounted();
+}
+
+TEST(Realtime, ACameraThatStallsAndComesBackLosesNothing) {
+  std::vector<Grab> grabs = wall_frames(20);
+  for (Grab& g : grabs) g.takes_ns = 30 * kMillisecond;
+  for (int i = 0; i < 3; ++i)
+    grabs.insert(grabs.begin() + 10, {.status = GrabStatus::Timeout, .takes_ns = kHour});
+  auto driver = wall_driver(false, grabs);
+  Pipeline pipeline(driver);
+  run_realtime(*pipeline.context);
+  EXPECT_EQ(pipeline.context->counters.offered.load(), 20u);
+  EXPECT_GE(pipeline.context->track_log.causal.size(), 2u);
+  pipeline.expect_accounted();
+}
+
+TEST(Realtime, StopsWhileTheCameraIsSilent) {
+  std::vector<Grab> grabs = wall_frames(2);
+  grabs.insert(grabs.end(), 10'000, {.status = GrabStatus::Timeout, .takes_ns = kHour});
+  auto driver = wall_driver(false, grabs);
+  Pipeline pipeline(driver);
+  Running running(pipeline);
+  running.wait_for_frames(1);
+  EXPECT_LT(running.stop_s(), 2);
+  pipeline.expect_accounted();
+}
+
+TEST(Realtime, ALostCameraEndsTheRunAndFailsIt) {
+  std::vector<Grab> grabs = wall_frames(10);
+  for (Grab& g : grabs) g.takes_ns = 20 * kMillisecond;
+  grabs.push_back({.status = GrabStatus::Lost});
+  auto driver = wall_driver(false, grabs);
+  RunOptions options;
+  options.source = "wall:0";
+  Pipeline pipeline(driver, options, true);
+  run_realtime(*pipeline.context);
+  const Status outcome = run_outcome(*pipeline.context);
+  ASSERT_FALSE(outcome.ok());
+  EXPECT_EQ(outcome.error().exit_code, ExitCode::RunFailed);
+  EXPECT_THAT(outcome.error().message, ::testing::AllOf(::testing::StartsWith("wall:0: the source is gone; "),
+                                                        ::testing::Not(::testing::HasSubstr("\n"))));
+  pipeline.expect_accounted();
+}
+
+TEST(Realtime, DropsRepeatsAndJumpsInTimeAreCounted) {
+  std::vector<Grab> grabs = wall_frames(30);
+  for (Grab& g : grabs) g.takes_ns = 20 * kMillisecond;
+  grabs[5] = {.status = GrabStatus::Dropped, .reason = DropReason::CorruptDepth};
+  grabs[8].stamp_ns = grabs[7].stamp_ns;  // repeated
+  grabs[9].stamp_ns = grabs[2].stamp_ns;  // back
+  grabs[10].stamp_ns = 0;
+  for (std::size_t i = 20; i < grabs.size(); ++i) grabs[i].stamp_ns += kHour;
+  auto driver = wall_driver(false, grabs);
+  Pipeline pipeline(driver);
+  run_realtime(*pipeline.context);
+  EXPECT_EQ(pipeline.context->counters.offered.load(), 30u);
+  EXPECT_EQ(pipeline.dropped(DropReason::CorruptDepth), 1u);
+  EXPECT_EQ(pipeline.dropped(DropReason::TimeJump), 3u);
+  ASSERT_FALSE(pipeline.context->track_log.causal.empty());
+  EXPECT_GT(pipeline.context->track_log.causal.back().stamp_ns, kHour);  // tracked on after the jump
+  pipeline.expect_accounted();
+}
+
+TEST(Realtime, ABurstIsThinnedOutNotQueued) {
+  auto driver = wall_driver(false, wall_frames(200));  // as fast as they are drawn
+  Pipeline pipeline(driver);
+  run_realtime(*pipeline.context);
+  EXPECT_EQ(pipeline.context->counters.offered.load(), 200u);
+  EXPECT_GT(pipeline.dropped(DropReason::TrackerBehind), 0u);
+  pipeline.expect_accounted();
+}
+
+TEST(Realtime, TheSmallestPoolStarvesNobody) {
+  Config config = WallScene::config();
+  config.runtime.frame_pool = 8;
+  auto driver = wall_driver(true, wall_frames(45));
+  Pipeline pipeline(driver, {}, true, config);
+  run_realtime(*pipeline.context);
+  EXPECT_EQ(pipeline.context->counters.offered.load(), 45u);
+  EXPECT_EQ(pipeline.dropped(DropReason::NoFreeSlot), 0u);
+  pipeline.expect_accounted();
+}
+
+TEST(Realtime, ThreadsHaveTheirNames) {
+  Config config = WallScene::config();
+  config.stream.listen = "127.0.0.1:0";
+  auto driver = wall_driver(true, wall_frames(100'000));
+  Pipeline pipeline(driver, {}, true, config);
+  ASSERT_TRUE(pipeline.stages->stream->open().ok());
+  Running running(pipeline);
+  running.wait_for_frames(2);
+  std::multiset<std::string> names;
+  for (const auto& task : std::filesystem::directory_iterator("/proc/self/task")) {
+    std::string name;
+    std::getline(std::ifstream(task.path() / "comm") >> std::ws, name);
+    names.insert(name);
+  }
+  for (const char* expected : {"capture", "track", "map", "detect", "stream"})
+    EXPECT_EQ(names.count(expected), 1u) << expected;
+  EXPECT_LT(running.stop_s(), 2);
+  pipeline.stages->stream->stop();
+}
+
+}  // namespace
+}  // namespace stillmap
