@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Commands that do not run the pipeline, and everything that is refused before it starts."""
+import hashlib
+import json
+import re
+import socket
+import unittest
+
+from program import (CAMERA, DETECTOR, DONE, GROUNDTRUTH, LOG, MODEL, NO_DETECTOR, QUIET, RUN_FAILED, SOURCE,
+                     UNREADABLE_INPUT, WRONG_CONFIG, ProgramTest, link_log, run_args, stillmap)
+
+
+class Help(ProgramTest):
+    def test_version_names_the_sources(self):
+        result = stillmap("--version")
+        self.assertEqual(result.returncode, DONE)
+        self.assertRegex(result.stdout, r"^stillmap \d+\.\d+\.\d+ \(\S+\), sources: .*tum")
+        self.assertEqual(result.stderr, "")
+
+    def test_help_of_the_program_and_of_each_command(self):
+        whole = stillmap("--help")
+        self.assertEqual((whole.returncode, whole.stderr), (DONE, ""))
+        for command in ("run", "eval", "plan", "check"):
+            self.assertIn(command, whole.stdout)
+            self.assertEqual(stillmap(command, "--help").returncode, DONE)
+        options = stillmap("run", "--help").stdout
+        for option in ("--config", "--set", "--source", "--mode", "--trajectory", "--map", "--report", "--groundtruth", "--listen"):
+            self.assertIn(option, options)
+
+
+class Arguments(ProgramTest):
+    def test_wrong_arguments(self):
+        for args in ([], ["fly"], ["run", "--fly"], ["run"], run_args("--mode", "slow"), run_args("--detector-delay", "-1"),
+                     run_args("--detector-every", "0"), run_args("--duration", "-1"), ["eval"], ["check", "stray"]):
+            with self.subTest(args=args):
+                self.assert_error(stillmap(*args), WRONG_CONFIG, "--help", lines=1)
+
+    def test_wrong_configuration(self):
+        bad_file = self.path / "bad.toml"
+        bad_file.write_text("[track]\nfeaturs = 900\n")
+        broken = self.path / "broken.toml"
+        broken.write_text("[track\n")
+        for command in (["check"], ["plan"], ["run", "--source", f"tum:{LOG}"]):
+            for args, words in (
+                ([*CAMERA, "--config", bad_file], ("bad.toml", "track.featurs", "track.features")),
+                ([*CAMERA, "--config", broken], ("broken.toml:", "TOML")),
+                ([*CAMERA, "--config", self.path / "none.toml"], ("none.toml", "no such")),
+                ([*CAMERA, "--set", "track.features=none"], ("track.features", "whole number", "100")),
+                ([*CAMERA, "--set", "map.voxel_m=9"], ("map.voxel_m", "0.5 m")),
+                ([*CAMERA, "--set", "nonsense"], ("KEY=VALUE",)),
+                ([], ("camera.width", "missing", "firmware-config/cameras")),
+            ):
+                with self.subTest(command=command, args=args):
+                    self.assert_error(stillmap(*command, *args), WRONG_CONFIG, *words, lines=1)
+
+    def test_sources_that_cannot_be(self):
+        for source in ("nothing", "ftp:x", ""):
+            with self.subTest(source=source):
+                result = stillmap("run", *CAMERA, *NO_DETECTOR, *QUIET, "--source", source)
+                self.assert_error(result, WRONG_CONFIG, "tum:DIR", lines=1)
+
+    def test_missing_log_and_ground_truth(self):
+        none = self.path / "none"
+        self.assert_error(stillmap(*run_args(log=none)), UNREADABLE_INPUT, str(none), "rgb.txt", lines=1)
+        self.assert_error(stillmap(*run_args(log=self.path)), UNREADABLE_INPUT, str(self.path), "associations.txt", lines=1)
+        self.assert_error(stillmap(*run_args("--groundtruth", none)), UNREADABLE_INPUT, str(none), lines=1)
+
+    def test_listed_files_that_are_not_there(self):
+        log = link_log(self.path / "log", 3)
+        for file in (log / "depth").iterdir():
+            file.unlink()
+        self.assert_error(stillmap(*run_args(log=log)), UNREADABLE_INPUT, "no usable pair", lines=1)
+
+    def test_models(self):
+        missing = stillmap(*run_args(detector=["--set", f"detector.model={self.path}/none.onnx"]))
+        self.assert_error(missing, UNREADABLE_INPUT, "none.onnx", "get_model.sh")
+        wrong = stillmap(*run_args("--set", "detector.sha256=" + "0" * 64, detector=DETECTOR))
+        self.assert_error(wrong, UNREADABLE_INPUT, str(MODEL), hashlib.sha256(MODEL.read_bytes()).hexdigest())
+        text = self.path / "text.onnx"
+        text.write_text("no network")
+        self.assert_error(stillmap(*run_args(detector=["--set", f"detector.model={text}"])), UNREADABLE_INPUT, str(text))
+        classes = stillmap(*run_args(detector=["--set", f"detector.model={MODEL}"]))  # the classes are COCO's
+        self.assert_error(classes, WRONG_CONFIG, "classes.names")
+
+    def test_listening(self):
+        with socket.create_server(("127.0.0.1", 0)) as taken:
+            port = taken.getsockname()[1]
+            result = stillmap(*run_args(listen=["--listen", f"127.0.0.1:{port}"]))
+            self.assert_error(result, RUN_FAILED, f"port {port}", "in use", "another port")
+        self.assert_error(stillmap(*run_args(listen=["--listen", "everywhere"])), WRONG_CONFIG, "ADDR:PORT")
+
+
+class Plan(ProgramTest):
+    def rows(self, text):
+        lines = text.splitlines()
+        rows = [re.fullmatch(r"(\S+) +(\d+) +(\d+) +([\d.]+) +[\d.]+%", l) for l in lines[1:-1]]
+        self.assertTrue(all(rows), text)
+        total = re.fullmatch(r"total +([\d.]+) \(budget ([\d.]+) MB\)", lines[-1])
+        self.assertTrue(total, text)
+        return [(r[1], int(r[2]) * int(r[3]), float(r[4])) for r in rows], float(total[1]), float(total[2])
+
+    def test_the_sum_is_the_total(self):
+        result = stillmap("plan", *CAMERA)
+        self.assertEqual((result.returncode, result.stderr), (DONE, ""))
+        rows, total_mb, budget_mb = self.rows(result.stdout)
+        for name, size, mb in rows:
+            self.assertAlmostEqual(size / 1e6, mb, delta=0.00051, msg=name)
+        sum_bytes = sum(size for _, size, _ in rows)
+        # Each piece begins on a cache line.
+        self.assertTrue(-500 <= total_mb * 1e6 - sum_bytes <= 64 * len(rows) + 500, (total_mb, sum_bytes))
+        self.assertLessEqual(total_mb, budget_mb)
+
+    def test_the_plan_is_what_a_run_takes(self):
+        _, total_mb, _ = self.rows(stillmap("plan", *CAMERA, *NO_DETECTOR, "--set", "stream.listen=off").stdout)
+        report = self.path / "r.json"
+        self.assertEqual(stillmap(*run_args("--mode", "lockstep", "--duration", "0.1", "--report", report)).returncode, DONE)
+        self.assertAlmostEqual(json.loads(report.read_text())["memory"]["planned_bytes"] / 1e6, total_mb, delta=0.00051)
+
+    def test_over_budget(self):
+        over = ["--set", "memory.budget_mb=16"]
+        result = stillmap("plan", *CAMERA, *over)
+        self.assertEqual(result.returncode, WRONG_CONFIG)
+        _, total_mb, budget_mb = self.rows(result.stdout)  # the table comes all the same
+        self.assertGreater(total_mb, budget_mb)
+        self.assertEqual(len(result.stderr.splitlines()), 1)
+        self.assert_error(stillmap(*run_args(*over)), WRONG_CONFIG, "memory.budget_mb", "map.capacity_voxels")
+
+
+class Check(ProgramTest):
+    def test_silent_when_good(self):
+        result = stillmap("check", *CAMERA)
+        self.assertEqual((result.returncode, result.stdout, result.stderr), (DONE, "", ""))
+
+    def test_every_shipped_profile(self):
+        for camera in (SOURCE / "firmware-config/cameras").glob("*.toml"):
+            self.assertEqual(stillmap("check", "--config", camera).returncode, DONE, camera)
+
+    def test_dump_says_every_key_and_where_it_came_from(self):
+        own = self.path / "own.toml"
+        own.write_text("[track]\nfeatures = 800\n")
+        result = stillmap("check", *CAMERA, "--config", own, "--set", "map.voxel_m=0.05", "--dump")
+        self.assertEqual((result.returncode, result.stderr), (DONE, ""))
+        found = {}
+        for line in result.stdout.splitlines():
+            match = re.fullmatch(r"(\S+) = (.*)  # .*; from (.*)", line)
+            self.assertTrue(match, line)
+            found[match[1]] = (match[2], match[3])
+        described = set(re.findall(r'^ +\{"([a-z_]+\.[A-Za-z0-9_]+)", &c\.', (SOURCE / "src/core/config.cpp").read_text(), re.M))
+        self.assertGreater(len(described), 40)
+        self.assertEqual(set(found), described)
+        self.assertEqual(found["track.features"], ("800", str(own)))
+        self.assertEqual(found["map.voxel_m"], ("0.05", "--set"))
+        self.assertEqual(found["runtime.seed"], ("1", "default"))
+        self.assertEqual(found["camera.fx"], ("525", str(CAMERA[1])))
+
+
+class Eval(ProgramTest):
+    KEYS = {"ate_rmse_m", "ate_max_m", "rpe_1s_rmse_m", "rpe_1s_rmse_deg", "rpe_frame_rmse_m", "matched_poses", "coverage"}
+
+    def write(self, name, poses):
+        path = self.path / name
+        path.write_text("".join(f"{t:.3f} {x} {y} 0 0 0 0 1\n" for t, x, y in poses))
+        return path
+
+    def test_a_known_pair(self):
+        # A square of 1 m; the estimate is the same but for one corner, then everything moved and turned by nothing.
+        truth = self.write("gt.txt", [(1, 0, 0), (2, 1, 0), (3, 1, 1), (4, 0, 1)])
+        same = self.write("same.txt", [(1, 5, 5), (2, 6, 5), (3, 6, 6), (4, 5, 6)])
+        result = stillmap("eval", "--groundtruth", truth, "--estimate", same)
+        self.assertEqual((result.returncode, result.stderr), (DONE, ""))
+        figures = json.loads(result.stdout)
+        self.assertEqual(set(figures), self.KEYS)
+        self.assertLess(figures["ate_rmse_m"], 1e-6)
+        self.assertEqual((figures["matched_poses"], figures["coverage"]), (4, 1))
+        # Each corner 10 % farther out: no turn or shift helps, each is off by 0.1 * sqrt(0.5).
+        larger = self.write("larger.txt", [(1, 0, 0), (2, 1.1, 0), (3, 1.1, 1.1), (4, 0, 1.1)])
+        figures = json.loads(stillmap("eval", "--groundtruth", truth, "--estimate", larger).stdout)
+        self.assertAlmostEqual(figures["ate_rmse_m"], 0.1 * 0.5 ** 0.5, places=5)
+        self.assertAlmostEqual(figures["ate_max_m"], 0.1 * 0.5 ** 0.5, places=5)
+        self.assertAlmostEqual(figures["rpe_1s_rmse_m"], 0.1, places=5)
+
+    def test_a_figure_that_does_not_exist_is_null(self):
+        short = self.write("short.txt", [(1, 0, 0), (1.1, 1, 0), (1.2, 1, 1)])
+        figures = json.loads(stillmap("eval", "--groundtruth", short, "--estimate", short).stdout)
+        self.assertIsNone(figures["rpe_1s_rmse_m"])
+
+    def test_report_file(self):
+        report = self.path / "e.json"
+        result = stillmap("eval", "--groundtruth", GROUNDTRUTH, "--estimate", GROUNDTRUTH, "--report", report)
+        self.assertEqual((result.returncode, result.stdout, result.stderr), (DONE, "", ""))
+        self.assertEqual(json.loads(report.read_text())["ate_max_m"] < 1e-6, True)
+
+    def test_what_is_refused(self):
+        other = self.write("other.txt", [(100, 0, 0), (101, 0, 0), (102, 0, 0)])
+        pair = ["eval", "--groundtruth", GROUNDTRUTH, "--estimate"]
+        self.assert_error(stillmap(*pair, other), UNREADABLE_INPUT, lines=1)
+        self.assert_error(stillmap(*pair, self.path / "none"), UNREADABLE_INPUT, "none", lines=1)
+        self.assert_error(stillmap(*pair, GROUNDTRUTH, "--report", self.path / "no/e.json"), RUN_FAILED, "e.json", lines=1)
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""SIGINT and SIGTERM end a run within 2 s, with exit code 0 and every output complete."""
+import json
+import random
+import signal
+import subprocess
+import time
+import unittest
+
+from program import DETECTOR, DONE, LOG, NO_DETECTOR, PROGRAM, ProgramTest, run_args
+
+
+def endless_log(folder):
+    """The rendered log again and again, as if the camera stood still for ever; hours long."""
+    lines = [l.split() for l in (LOG / "associations.txt").read_text().splitlines() if not l.startswith("#")]
+    folder.mkdir()
+    (folder / "rgb").symlink_to(LOG / "rgb")
+    (folder / "depth").symlink_to(LOG / "depth")
+    with open(folder / "associations.txt", "w") as out:
+        for n in range(5000):
+            _, colour, _, depth = lines[n % 2]
+            out.write(f"{1 + n / 30:.6f} {colour} {1 + n / 30:.6f} {depth}\n")
+    return folder
+
+
+class Signals(ProgramTest):
+    def stop(self, number, args, after_s, waits_for=None):
+        process = subprocess.Popen([PROGRAM, *args], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        if waits_for:
+            while waits_for not in process.stderr.readline():
+                self.assertIsNone(process.poll())
+        time.sleep(after_s)
+        process.send_signal(number)
+        begin = time.monotonic()
+        out, err = process.communicate(timeout=60)
+        return process.returncode, time.monotonic() - begin, out, err
+
+    def assert_complete(self):
+        report = json.loads((self.path / "r.json").read_text())
+        poses = [l for l in (self.path / "t.txt").read_text().splitlines() if not l.startswith("#")]
+        self.assertEqual(len(poses), report["tracking"]["tracked"] + report["tracking"]["weak"])
+        head, _, body = (self.path / "m.ply").read_bytes().partition(b"end_header\n")
+        self.assertIn(f"element vertex {report['map']['voxels']}\n".encode(), head)
+        self.assertEqual(len(body), 15 * report["map"]["voxels"])
+        self.assertEqual(report["frames"]["offered"], report["frames"]["processed"] + sum(report["frames"]["dropped"].values()))
+        return report
+
+    def test_while_it_runs(self):
+        log = endless_log(self.path / "log")
+        for mode in ("realtime", "lockstep"):
+            for number in (signal.SIGINT, signal.SIGTERM):
+                for detector in (NO_DETECTOR, DETECTOR):
+                    with self.subTest(mode=mode, signal=number, detector=detector):
+                        args = run_args("--mode", mode, *self.outputs(), log=log, detector=detector)
+                        code, took_s, out, err = self.stop(number, args, random.uniform(0, 0.6), "tracking_started")
+                        self.assertEqual((code, out), (DONE, ""), err)
+                        self.assertLess(took_s, 2)
+                        self.assertGreater(self.assert_complete()["frames"]["processed"], 0)
+
+    def test_while_it_starts(self):
+        log = endless_log(self.path / "log")
+        for after_s in (0.05, 0.1, 0.2):
+            code, took_s, _, err = self.stop(signal.SIGTERM, run_args(*self.outputs(), log=log, detector=DETECTOR), after_s)
+            self.assertLess(took_s, 2)
+            # Asked before it listens to signals, it ends as any process does.
+            self.assertIn(code, (DONE, -signal.SIGTERM), err)
+            if code == DONE:
+                self.assert_complete()
+
+    def test_a_second_signal_changes_nothing(self):
+        log = endless_log(self.path / "log")
+        process = subprocess.Popen([PROGRAM, *run_args(*self.outputs(), log=log)], stderr=subprocess.PIPE, text=True)
+        while "tracking_started" not in process.stderr.readline():
+            self.assertIsNone(process.poll())
+        process.send_signal(signal.SIGINT)
+        process.send_signal(signal.SIGTERM)
+        _, err = process.communicate(timeout=60)
+        self.assertEqual(process.returncode, DONE, err)
+        self.assert_complete()
+
+
+if __name__ == "__main__":
+    unittest.main()
