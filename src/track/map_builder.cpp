@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <Eigen/LU>
 #include <algorithm>
+#include <limits>
 
 namespace stillmap {
 
@@ -70,6 +71,10 @@ Keyframe& MapBuilder::insert_keyframe(LocalMap& map, const PosedFeatures& posed,
   keyframe.stamp_ns = posed.stamp_ns;
   keyframe.T_odom_camera = posed.T_odom_camera;
   keyframe.tracked_points = 0;
+  // Culling may have removed a point that this frame stands on; its slot may soon be another point's.
+  for (FeatureMatch& m : posed.inliers) {
+    if (m.slot >= 0 && !map.points()[static_cast<std::size_t>(m.slot)].alive) m.slot = -1;
+  }
   for (std::size_t i = 0; i < posed.frame.features.size(); ++i) {
     const Feature& f = posed.frame.features[i];
     KeyframeFeature kept{f.ray_x, f.ray_y, f.depth_m, f.octave, {}};
@@ -101,7 +106,7 @@ void MapBuilder::refine_points(LocalMap& map, const PosedFeatures& posed, const 
   for (std::size_t i = 0; i < posed.frame.features.size(); ++i) {
     if (posed.inliers[i].slot < 0) continue;
     MapPoint& point = map.points()[static_cast<std::size_t>(posed.inliers[i].slot)];
-    ++point.found;
+    if (point.found < std::numeric_limits<std::uint16_t>::max()) ++point.found;
     point.last_found_sequence = posed.sequence;
     const Feature& f = posed.frame.features[i];
     if (f.depth_m <= 0 || point.found > kSettledAfter) continue;
@@ -121,11 +126,6 @@ void MapBuilder::cull_points(LocalMap& map) const {
   for (std::size_t i = 0; i < points.size(); ++i) {
     MapPoint& p = points[i];
     if (p.alive && p.visible >= kFewestLooks && p.found < kFoundShare * p.visible) map.remove_point(i);
-    // Halve the counts now and then, so that the share speaks of the recent past.
-    if (p.visible > 200) {
-      p.visible = static_cast<std::uint16_t>(p.visible / 2);
-      p.found = static_cast<std::uint16_t>(p.found / 2);
-    }
   }
 }
 

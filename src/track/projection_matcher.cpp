@@ -90,7 +90,11 @@ void ProjectionMatcher::count_visible(LocalMap& map, ImageView<const std::uint16
     const double measured = camera_.depth_m(depth.at(x, y));
     if (measured > 0 && measured < c.z * (1 - kNearerShare)) continue;  // something stands before it
     MapPoint& point = map.points()[static_cast<std::size_t>(c.slot)];
-    ++point.visible;
+    // Halve the counts now and then, so that the share speaks of the recent past and no count overflows.
+    if (++point.visible > 200) {
+      point.visible = static_cast<std::uint16_t>(point.visible / 2);
+      point.found = static_cast<std::uint16_t>(point.found / 2);
+    }
   }
 }
 
