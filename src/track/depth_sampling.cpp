@@ -9,9 +9,12 @@ namespace stillmap {
 
 namespace {
 
-/// Depth of the nearer surface in the 3x3 pixels around (x, y); 0 where fewer than four of them have a reading.
-double nearer_depth(ImageView<const std::uint16_t> depth, const CameraModel& camera, int x, int y) {
-  if (x < 1 || y < 1 || x >= depth.width - 1 || y >= depth.height - 1) return 0;
+/// Depth of the nearer surface in the 3x3 pixels around `pixel`; 0 where fewer than four of them have a reading.
+double nearer_depth(ImageView<const std::uint16_t> depth, const CameraModel& camera, Vec2 pixel) {
+  // Before rounding: a ray that nearly leaves the picture plane may be anywhere, or nowhere.
+  const bool inside = pixel.x >= 0.5 && pixel.y >= 0.5 && pixel.x < depth.width - 1.5 && pixel.y < depth.height - 1.5;
+  if (!inside) return 0;
+  const int x = static_cast<int>(std::lround(pixel.x)), y = static_cast<int>(std::lround(pixel.y));
   std::array<double, 9> readings;
   std::size_t count = 0;
   for (int dy = -1; dy <= 1; ++dy) {
@@ -42,8 +45,7 @@ void sample_depth(ImageView<const std::uint16_t> depth, const CameraModel& camer
     // milliseconds moves a pixel by a small part of one.
     const Vec3 turned = T_depth_colour.R * Vec3{f.ray_x, f.ray_y, 1};
     if (turned.z <= 0) continue;
-    const Vec2 pixel = camera.project(turned);
-    const double z = nearer_depth(depth, camera, static_cast<int>(std::lround(pixel.x)), static_cast<int>(std::lround(pixel.y)));
+    const double z = nearer_depth(depth, camera, camera.project(turned));
     if (z <= 0) continue;
     const Vec3 p_depth = {turned.x / turned.z * z, turned.y / turned.z * z, z};
     f.depth_m = static_cast<float>((T_colour_depth * p_depth).z);

@@ -121,7 +121,7 @@ std::optional<Pose> Relocalizer::relocalize(LocalMap& map, const Keyframe& keyfr
     const Feature& f = frame.features[pair.feature];
     const double sigma_depth = f.depth_m > 0 ? 2 * camera_.depth_sigma_m(f.depth_m) + 0.01 : 0;
     static_cast<void>(observations_.try_push_back(
-        {pair.p_odom, f.ray_x, f.ray_y, 1.5 * extractor.scale(f.octave), f.depth_m, sigma_depth, true}));
+        {pair.p_odom, f.ray_x, f.ray_y, 1.5 * extractor.scale(f.octave), f.depth_m, sigma_depth}));
   }
   const PoseEstimate estimate = solve_pose(observations_, camera_, best);
   if (!estimate.converged || estimate.inliers < fewest_inliers_) return std::nullopt;
