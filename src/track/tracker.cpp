@@ -81,9 +81,10 @@ Pose Tracker::predict(Nanoseconds stamp_ns) const {
   const PosedStamp& newest = history_[0];
   if (history_size_ == 1) return newest.T_odom_camera;
   const double span = to_seconds(newest.stamp_ns - history_[1].stamp_ns);
+  if (span <= 0) return newest.T_odom_camera;  // a stamp that came twice, or a clock that was set back
   // Beyond a few frames an old velocity says nothing any more.
   const double ahead = to_seconds(stamp_ns - newest.stamp_ns);
-  const double share = std::min(ahead / span, 3.0);
+  const double share = std::clamp(ahead / span, -1.0, 3.0);
   const Pose step = inverse(history_[1].T_odom_camera) * newest.T_odom_camera;
   return newest.T_odom_camera * interpolate(Pose{}, step, share);
 }
@@ -122,11 +123,12 @@ const TrackingResult& Tracker::track(const FrameSlot& slot, const DynamicMask& m
       if (wants_keyframe()) insert_keyframe(slot);
     }
     motion_.remember(frame_, slot.colour_ns, result_.T_odom_camera);
+    // Only with a pose: later frames are compared by the motion between.
+    semi_static_.remember(frame_, matches());
   } else {
     motion_.clear();
     history_size_ = std::min(history_size_, 1);
   }
-  semi_static_.remember(frame_, matches());
   count_labels();
   return result_;
 }
