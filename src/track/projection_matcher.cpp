@@ -52,7 +52,7 @@ int ProjectionMatcher::match(const LocalMap& map, const FrameFeatures& frame, co
   int count = 0;
   for (const Candidate& c : candidates_) {
     const MapPoint& point = map.points()[static_cast<std::size_t>(c.slot)];
-    int best = window.max_distance + 1, second = 257;
+    int best = 257, second = 257;
     std::size_t best_feature = 0;
     int best_octave = -1, second_octave = -1;
     grid.for_each_near(c.u, c.v, window.radius_px * extractor.scale(c.octave), [&](std::size_t i) {
@@ -71,7 +71,7 @@ int ProjectionMatcher::match(const LocalMap& map, const FrameFeatures& frame, co
         second_octave = f.octave;
       }
     });
-    if (best_octave < 0) continue;
+    if (best > window.max_distance) continue;
     if (second_octave == best_octave && best > kDistanceRatio * second) continue;
     FeatureMatch& m = matches[best_feature];
     if (m.slot >= 0 && m.distance <= best) continue;
