@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "scene.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+namespace stillmap::test {
+
+Config synthetic_config() {
+  Config config;
+  config.camera = synthetic::SyntheticLog::camera();
+  return config;
+}
+
+Image<std::uint8_t> grey_of(const std::vector<Bgr>& colour, int width, int height) {
+  Image<std::uint8_t> grey(width, height);
+  for (std::size_t i = 0; i < colour.size(); ++i) {
+    const Bgr c = colour[i];
+    grey.pixels[i] = static_cast<std::uint8_t>((29 * c.b + 150 * c.g + 77 * c.r + 128) >> 8);
+  }
+  return grey;
+}
+
+Scene::Scene(synthetic::SyntheticLog& log, int index) {
+  log.render(index, truth);
+  grey = grey_of(truth.colour, 640, 480);
+}
+
+FrameSlot Scene::slot(std::uint64_t sequence) {
+  FrameSlot slot;
+  slot.sequence = sequence;
+  slot.colour_ns = slot.depth_ns = truth.stamp_ns;
+  slot.colour = {truth.colour.data(), 640, 480, 640};
+  slot.grey = grey.view();
+  slot.depth = {truth.depth.data(), 640, 480, 640};
+  return slot;
+}
+
+DynamicMask Scene::mask() const {
+  DynamicMask mask;
+  mask.rule = DynamicRule::Silhouette;
+  mask.columns = 80;
+  mask.rows = 60;
+  constexpr double kMargin_mm = 150;
+  for (int y = 0; y < 480; ++y) {
+    for (int x = 0; x < 640; ++x) {
+      const auto i = static_cast<std::size_t>(y * 640 + x);
+      if (truth.mask[i] == 0) continue;
+      const double mm = 1000.0 * truth.true_depth_m[i];
+      DynamicMask::Cell& cell = mask.cells[static_cast<std::size_t>(y / 8 * 80 + x / 8)];
+      const auto near = static_cast<std::uint16_t>(std::max(1.0, mm - kMargin_mm));
+      const auto far = static_cast<std::uint16_t>(mm + kMargin_mm);
+      cell.near_mm = cell.label == Label::Dynamic ? std::min(cell.near_mm, near) : near;
+      cell.far_mm = std::max(cell.far_mm, far);
+      cell.label = Label::Dynamic;
+    }
+  }
+  return mask;
+}
+
+double gaussian(Random& random) {
+  return std::sqrt(-2 * std::log(1 - random.uniform())) * std::cos(2 * std::numbers::pi * random.uniform());
+}
+
+Vec3 gaussian_vec(Random& random, double sigma) {
+  const double x = gaussian(random), y = gaussian(random), z = gaussian(random);
+  return {sigma * x, sigma * y, sigma * z};
+}
+
+Feature feature_of(const CameraModel& camera, Vec3 p_camera, Label label) {
+  const Vec2 pixel = camera.project(p_camera);
+  Feature f;
+  f.x = static_cast<float>(pixel.x);
+  f.y = static_cast<float>(pixel.y);
+  f.ray_x = static_cast<float>(p_camera.x / p_camera.z);
+  f.ray_y = static_cast<float>(p_camera.y / p_camera.z);
+  f.depth_m = static_cast<float>(p_camera.z);
+  f.label = label;
+  return f;
+}
+
+Descriptor random_descriptor(Random& random) {
+  Descriptor d;
+  for (std::uint64_t& word : d.bits) word = random.next();
+  return d;
+}
+
+double angle_between(const Pose& a, const Pose& b) {
+  return norm(log_so3(transposed(a.R) * b.R));
+}
+
+}  // namespace stillmap::test

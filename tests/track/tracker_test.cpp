@@ -1,0 +1,144 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "track/tracker.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "runtime/heap_count.h"
+#include "tracker_scene.h"
+
+namespace stillmap {
+namespace {
+
+using synthetic::PathKind;
+using test::Scene;
+using test::Tracked;
+using test::TrackerScene;
+
+void expect_tracked_throughout(const std::vector<Tracked>& run) {
+  for (const Tracked& t : run) {
+    EXPECT_EQ(t.result.state, TrackState::Tracking) << "frame " << t.result.sequence;
+  }
+}
+
+TEST(Tracker, FollowsTheCameraAmongWalkers) {
+  TrackerScene scene({.seed = 2, .people = 2});
+  const std::vector<Tracked> run = scene.run(0, 60);
+  expect_tracked_throughout(run);
+  EXPECT_LT(test::drift_rmse_m(run), 0.008);
+  const TrackingResult& last = run.back().result;
+  EXPECT_GT(last.inliers, 100);
+  EXPECT_LE(last.inliers, last.matches);
+  EXPECT_LE(last.matches, last.features);
+  EXPECT_GT(last.rms_px, 0.05);
+  EXPECT_LT(last.rms_px, 4);
+  const LabelCounts& labels = last.labels;
+  EXPECT_EQ(labels.static_points + labels.dynamic + labels.semi_static + labels.unknown,
+            static_cast<std::uint32_t>(last.features));
+  EXPECT_EQ(scene.tracker.features().size(), static_cast<std::size_t>(last.features));
+  EXPECT_GT(scene.tracker.point_usage().high_water, 500u);
+  EXPECT_GE(scene.tracker.keyframe_usage().high_water, 2u);
+}
+
+TEST(Tracker, EveryRuleTracksAStillRoom) {
+  for (const DynamicRule rule : {DynamicRule::Off, DynamicRule::Paper, DynamicRule::Silhouette}) {
+    Config config = test::synthetic_config();
+    config.track.dynamic_rule = rule;
+    TrackerScene scene({.seed = 4, .people = 0}, config);
+    const std::vector<Tracked> run =
+        scene.run(0, 10, [&](int, Scene&, DynamicMask& mask) { mask.rule = rule; });
+    expect_tracked_throughout(run);
+    EXPECT_LT(test::drift_rmse_m(run), 0.008);
+  }
+}
+
+TEST(Tracker, FollowsATurnOnTheSpot) {
+  TrackerScene scene({.seed = 6, .people = 1, .path = PathKind::Rotate});
+  const std::vector<Tracked> run = scene.run(0, 40);
+  expect_tracked_throughout(run);
+  EXPECT_LT(test::drift_rmse_m(run), 0.01);
+  const Pose turned = inverse(run.front().T_world_camera) * run.back().T_world_camera;
+  const Pose estimated = inverse(run.front().result.T_odom_camera) * run.back().result.T_odom_camera;
+  EXPECT_GT(norm(log_so3(turned.R)), 0.2) << "the path does not turn";
+  EXPECT_LT(test::angle_between(turned, estimated), 0.01);
+}
+
+TEST(Tracker, OdomBeginsAtTheBase) {
+  Config config = test::synthetic_config();
+  config.mount.T_base_camera = std::array<double, 7>{0.1, 0.2, 0.9, -0.5, 0.5, -0.5, 0.5};
+  TrackerScene scene({.seed = 2, .people = 0}, config);
+  const Tracked first = scene.step(0);
+  EXPECT_NEAR(first.result.T_odom_camera.t.z, 0.9, 1e-12);
+  // The optical axis (z) is the base's x.
+  EXPECT_LT(norm(first.result.T_odom_camera.R * Vec3{0, 0, 1} - Vec3{1, 0, 0}), 1e-9);
+  EXPECT_EQ(norm(scene.tracker.T_base_camera().t - first.result.T_odom_camera.t), 0);
+}
+
+TEST(Tracker, TheSameFramesGiveTheSameNumbers) {
+  Config config = test::synthetic_config();
+  TrackerScene a({.seed = 2, .people = 2}, config), b({.seed = 2, .people = 2}, config);
+  for (int i = 0; i < 15; ++i) {
+    const TrackingResult one = a.step(i).result, two = b.step(i).result;
+    ASSERT_EQ(one.T_odom_camera.R.m, two.T_odom_camera.R.m) << i;
+    ASSERT_EQ(norm(one.T_odom_camera.t - two.T_odom_camera.t), 0) << i;
+    ASSERT_EQ(one.covariance, two.covariance) << i;
+    ASSERT_EQ(one.inliers, two.inliers) << i;
+    ASSERT_EQ(one.rms_px, two.rms_px) << i;
+  }
+}
+
+TEST(Tracker, TakesNothingFromTheHeap) {
+#ifdef __SANITIZE_ADDRESS__
+  GTEST_SKIP() << "the sanitizer brings its own malloc";
+#endif
+  synthetic::SyntheticLog log({.seed = 2, .people = 2});
+  Arena arena(std::size_t{160} << 20);
+  Tracker tracker(arena, test::synthetic_config());
+  start_heap_count();
+  const auto counted = [] { return heap_counts()[static_cast<std::size_t>(HeapOwner::Track)]; };
+  {
+    HeapScope scope(HeapOwner::Track);
+    const auto something = std::make_unique<int>(1);
+    ASSERT_EQ(counted(), 1u) << "the counter must count, or this test proves nothing";
+  }
+  int lost = 0;
+  for (int i = 0; i < 30; ++i) {
+    Scene scene(log, i);
+    if (i >= 12 && i < 15) std::fill(scene.grey.pixels.begin(), scene.grey.pixels.end(), std::uint8_t{0});
+    DynamicMask mask = scene.mask();
+    // Some of the room is semi-static, so that the epipolar check runs too.
+    for (std::size_t c = 0; c < 80 * 20; ++c) {
+      if (mask.cells[c].label == Label::Static) mask.cells[c] = {1, 8000, Label::SemiStatic, 0};
+    }
+    const FrameSlot slot = scene.slot(static_cast<std::uint64_t>(i));
+    HeapScope scope(HeapOwner::Track);
+    lost += tracker.track(slot, mask).state == TrackState::Lost;
+    ASSERT_EQ(counted(), 1u) << "frame " << i;
+  }
+  EXPECT_EQ(lost, 3) << "relocalization should have run";
+}
+
+TEST(Tracker, PlansWhatItTakes) {
+  Arena plan;
+  const Tracker planned(plan, test::synthetic_config());
+  EXPECT_GT(plan.bytes_planned(), std::size_t{1} << 20);
+  Arena arena(plan.bytes_planned());
+  const Tracker tracker(arena, test::synthetic_config());
+  EXPECT_EQ(arena.bytes_planned(), plan.bytes_planned());
+}
+
+/// A tracker with a map for few points forgets, but goes on.
+TEST(Tracker, GoesOnWithAFullMap) {
+  Config config = test::synthetic_config();
+  config.track.points = 1200;
+  config.track.keyframes = 8;
+  TrackerScene scene({.seed = 2, .people = 0, .path = PathKind::Walk}, config);
+  const std::vector<Tracked> run = scene.run(0, 60);
+  for (const Tracked& t : run) EXPECT_TRUE(t.result.has_pose()) << t.result.sequence;
+  EXPECT_GT(scene.tracker.point_usage().refused, 0u) << "the map was not full";
+  EXPECT_LT(test::drift_rmse_m(run), 0.015);
+}
+
+}  // namespace
+}  // namespace stillmap
