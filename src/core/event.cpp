@@ -17,17 +17,11 @@ const char* to_string(Stage stage) {
 
 const char* to_string(EventCode code) {
   switch (code) {
-    case EventCode::FrameDropped: return "frame_dropped";
     case EventCode::TrackingStarted: return "tracking_started";
     case EventCode::TrackingWeak: return "tracking_weak";
     case EventCode::TrackingLost: return "tracking_lost";
     case EventCode::Relocalized: return "relocalized";
-    case EventCode::KeyframeInserted: return "keyframe_inserted";
-    case EventCode::Corrected: return "corrected";
     case EventCode::DetectorFailed: return "detector_failed";
-    case EventCode::PoolFull: return "pool_full";
-    case EventCode::SourceEnded: return "source_ended";
-    case EventCode::SourceLost: return "source_lost";
     case EventCode::ClientConnected: return "client_connected";
     case EventCode::ClientGone: return "client_gone";
   }

@@ -14,19 +14,13 @@ const char* to_string(Stage stage);
 
 /// What happened. Add codes at the end: they are written into logs.
 enum class EventCode : std::uint8_t {
-  FrameDropped,     ///< a = DropReason
   TrackingStarted,  ///< the first pose
   TrackingWeak,
   TrackingLost,
   Relocalized,
-  KeyframeInserted,  ///< a = keyframe id
-  Corrected,         ///< a = new correction epoch
   DetectorFailed,
-  PoolFull,  ///< a = how many were refused
-  SourceEnded,
-  SourceLost,
-  ClientConnected,
-  ClientGone,
+  ClientConnected,  ///< a = clients now
+  ClientGone,       ///< a = clients now
 };
 const char* to_string(EventCode code);
 
@@ -48,7 +42,7 @@ const char* to_string(DropReason reason);
 struct Event {
   Nanoseconds stamp_ns = 0;  ///< monotonic
   Stage stage = Stage::Health;
-  EventCode code = EventCode::FrameDropped;
+  EventCode code = EventCode::TrackingStarted;
   std::uint64_t sequence = 0;
   std::int64_t a = 0, b = 0;
 };

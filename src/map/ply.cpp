@@ -25,8 +25,10 @@ constexpr std::size_t kVertexBytes = 3 * sizeof(float) + 3;
 /// A file that is written once, front to back. The first failure's errno is kept and the rest is skipped.
 class OutputFile {
  public:
-  explicit OutputFile(const std::string& path)
-      : fd_(open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644)) {
+  OutputFile(const std::string& path, Nanoseconds timeout_ns)
+      : fd_(open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644)),
+        begin_ns_(monotonic_now()),
+        timeout_ns_(timeout_ns) {
     if (fd_ < 0) error_ = errno;
     buffer_.reserve(kBufferBytes);
   }
@@ -52,6 +54,7 @@ class OutputFile {
 
  private:
   void flush() {
+    if (error_ == 0 && monotonic_now() - begin_ns_ > timeout_ns_) error_ = ETIMEDOUT;
     std::size_t done = 0;
     while (error_ == 0 && done < buffer_.size()) {
       const ssize_t n = write(fd_, buffer_.data() + done, buffer_.size() - done);
@@ -66,6 +69,7 @@ class OutputFile {
 
   int fd_;
   int error_ = 0;
+  Nanoseconds begin_ns_, timeout_ns_;
   std::vector<char> buffer_;
 };
 
@@ -76,6 +80,7 @@ Error cannot_write(const std::string& path, int error) {
   if (error == ENOENT || error == ENOTDIR) mend = "create the folder first or choose another one with --map";
   if (error == EACCES || error == EPERM || error == EROFS)
     mend = "make the folder writable or choose another one with --map";
+  if (error == ETIMEDOUT) mend = "raise map.save_timeout_s or write to a faster disk with --map";
   return {ExitCode::RunFailed, path + ": cannot write the map: " + std::strerror(error) + "; " + mend};
 }
 
@@ -102,9 +107,9 @@ void append_vertices(const VoxelMap& map, OutputFile& file) {
 
 }  // namespace
 
-Status write_ply(const VoxelMap& map, const std::string& path) {
+Status write_ply(const VoxelMap& map, const std::string& path, Nanoseconds timeout_ns) {
   const std::string temporary = path + ".tmp";
-  OutputFile file(temporary);
+  OutputFile file(temporary, timeout_ns);
   const std::string header =
       "ply\nformat binary_little_endian 1.0\ncomment Stillmap voxel centres in m, map frame\nelement "
       "vertex " +

@@ -68,7 +68,10 @@ Status write_outputs(const RunContext& context, ReportFacts& facts, const std::v
   const bool results = has_results(context);
   if (results && !o.trajectory.empty()) keep_first(write_trajectory(o.trajectory, context.track_log.causal, header));
   if (results && !o.trajectory_final.empty()) keep_first(write_trajectory(o.trajectory_final, context.track_log.causal, header));
-  if (results && !o.map.empty()) keep_first(write_ply(context.stages.map.map(), o.map));
+  if (results && !o.map.empty()) {
+    const auto timeout_ns = static_cast<Nanoseconds>(context.config.map.save_timeout_s * 1e9);
+    keep_first(write_ply(context.stages.map.map(), o.map, timeout_ns));
+  }
   if (results && !groundtruth.empty()) {
     const Result<Accuracy> accuracy = evaluate(groundtruth, context.track_log.causal, stamps);
     if (accuracy.ok()) facts.accuracy = accuracy.value();

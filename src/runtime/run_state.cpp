@@ -8,7 +8,6 @@ void TrackLog::note(const TrackingResult& result, TrackState before, Nanoseconds
   const Nanoseconds now = monotonic_now();
   C::bump(counters.processed);
   counters.state.store(static_cast<int>(result.state), std::memory_order_relaxed);
-  counters.newest_sequence.store(result.sequence, std::memory_order_relaxed);
   C::bump(counters.static_features, result.labels.static_points);
   C::bump(counters.dynamic_features, result.labels.dynamic);
   C::bump(counters.semi_static_features, result.labels.semi_static);

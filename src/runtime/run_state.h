@@ -36,7 +36,6 @@ struct RunCounters {
   Count static_features{0}, dynamic_features{0}, semi_static_features{0}, unknown_features{0};
   Count detector_runs{0}, detector_failures{0};
   std::atomic<int> state{0};  ///< TrackState
-  Count newest_sequence{0};
   PoolMark points, keyframe_pool, blocks;
 
   /// Capture and tracker both drop frames that the tracker is too late for.

@@ -127,6 +127,15 @@ TEST_F(Ply, a_folder_that_takes_no_files_is_named) {
   EXPECT_NE(status.error().message.find("/proc/m.ply"), std::string::npos);
 }
 
+TEST_F(Ply, gives_up_after_its_time_and_leaves_the_older_file_whole) {
+  std::ofstream(folder_ / "m.ply") << "older";
+  const Status status = write_ply(map_.map(), folder_ / "m.ply", 0);
+  ASSERT_FALSE(status.ok());
+  EXPECT_NE(status.error().message.find("raise map.save_timeout_s"), std::string::npos);
+  EXPECT_EQ(fs::file_size(folder_ / "m.ply"), 5u);
+  EXPECT_EQ(files(), 1u) << "the temporary file stays";
+}
+
 TEST_F(Ply, a_full_disk_leaves_the_older_file_whole) {
   std::ofstream(folder_ / "m.ply") << "older";
   rlimit before{};
