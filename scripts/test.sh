@@ -1,0 +1,102 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# Checks everything: set-up, build, form, tests, tests under sanitizers, the whole pipeline against its bounds, the demo.
+#
+#   test.sh          in under 25 minutes on two cores
+#   test.sh --full   the slow tests, too, and all of them under both sanitizers
+#
+# One line for each step; what a failed one said follows it. Ends with "N passed, N failed": tests and steps together.
+# Tests with recorded logs find them in $STILLMAP_SHARED or ../shared, and are skipped where they are missing.
+# shellcheck disable=SC2317  # the functions that `step` calls
+set -uo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.." || exit 1
+
+full=no
+case "$*" in
+  "") ;;
+  --full) full=yes ;;
+  *) echo "test.sh: unknown argument $*; usage: test.sh [--full]" >&2; exit 1 ;;
+esac
+
+logs=build/test-logs
+mkdir -p "$logs"
+passed=0 failed=0 skipped=0 number=0
+
+# step NAME COMMAND...: a step is one test, unless the command closes with the counts of several.
+step() {
+  local name=$1 start=$SECONDS code=0 log counts
+  shift
+  number=$((number + 1))
+  log=$logs/$(printf '%02d' "$number")-${name//[^a-z0-9]/-}.txt
+  "$@" >"$log" 2>&1 || code=$?
+  counts=$(sed -nE 's/^([0-9]+) passed, ([0-9]+) failed(, ([0-9]+) skipped)?$/\1 \2 \4/p
+    s/^[0-9]+% tests passed, ([0-9]+) tests? failed out of ([0-9]+)$/ctest \1 \2/p' "$log" | tail -n 1)
+  local good=0 bad=0 skips=0
+  case $counts in
+    ctest\ *)
+      skips=$(grep -cE '^ +[0-9]+ - .*\(Skipped\)$' "$log")
+      read -r _ bad good <<<"$counts"
+      good=$((good - bad - skips)) ;;
+    ?*) read -r good bad skips <<<"$counts" ;;
+  esac
+  # Whatever was counted, a command that fails is a failure.
+  if [ "$code" -ne 0 ]; then bad=$((bad > 0 ? bad : 1)); elif [ -z "$counts" ]; then good=1; fi
+  passed=$((passed + good)) failed=$((failed + bad)) skipped=$((skipped + ${skips:-0}))
+  printf '%-7s %4d s  %s' "$([ "$code" -eq 0 ] && echo ok || echo FAILED)" $((SECONDS - start)) "$name"
+  [ -z "$counts" ] || printf ' (%d passed, %d failed, %d skipped)' "$good" "$bad" "${skips:-0}"
+  echo
+  if [ "$code" -ne 0 ]; then
+    tail -n 200 "$log" | sed 's/^/    /'
+    echo "    (the last lines of $log)"
+  fi
+  return "$code"
+}
+
+finish() {
+  echo "$((SECONDS / 60)) min $((SECONDS % 60)) s, $skipped skipped"
+  echo "$passed passed, $failed failed"
+  [ "$failed" -eq 0 ]
+  exit
+}
+
+build() { # PRESET TARGET...
+  cmake --preset "$1" && cmake --build --preset "$1" --target "${@:2}"
+}
+
+check_format() {
+  git ls-files -z '*.cpp' '*.h' '*.h.in' | xargs -0 clang-format-14 --dry-run -Werror
+}
+
+check_tidy() {
+  run-clang-tidy-14 -quiet -p build/release -j "$(nproc)" "$PWD/(src|drivers)/" 2>/dev/null |
+    sed 's/\x1b\[[0-9;]*m//g' | grep -vE '^(clang-tidy-14 |$)'
+  return "${PIPESTATUS[0]}"
+}
+
+run_ctest() { # PRESET OPTION...
+  ctest --preset "$1" --parallel "$(nproc)" "${@:2}"
+}
+
+step "set-up" scripts/setup.sh --tests || finish
+step "build release" build release all || finish
+step "format" check_format
+step "folders and libraries" scripts/check_layers.py
+step "shellcheck" shellcheck -x scripts/*.sh .ci/run
+step "clang-tidy" check_tidy
+step "tests" run_ctest release
+step "pipeline within its bounds" scripts/ci_gates.py
+step "demo" scripts/demo.sh --frames 60 --out build/demo
+
+# Under sanitizers, scripts and the program's black-box tests say little more than the rooms' tests and take much longer;
+# threads meet in core, runtime and stream only.
+asan_tests=(-E '^(scripts_test|app_test)\.')
+tsan_programs=(core_test stream_test runtime_test)
+tsan_tests=(-R '^(core_test|stream_test|runtime_test)\.')
+if [ "$full" = yes ]; then
+  asan_tests=() tsan_programs=(all) tsan_tests=()
+fi
+step "build with address and UB sanitizer" build asan test_programs stream_test_server &&
+  step "tests with address and UB sanitizer" run_ctest asan "${asan_tests[@]}"
+step "build with thread sanitizer" build tsan "${tsan_programs[@]}" &&
+  step "tests with thread sanitizer" run_ctest tsan "${tsan_tests[@]}"
+finish
