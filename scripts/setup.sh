@@ -16,8 +16,8 @@ fail() {
 packages=(
   build-essential cmake ninja-build git
   # What the runtime links against. OpenCV by modules: libopencv-dev would bring everything that OpenCV has.
-  libopencv-core-dev libopencv-imgproc-dev libopencv-dnn-dev libeigen3-dev libspdlog-dev nlohmann-json3-dev
-  libspng-dev libjpeg-dev libtomlplusplus-dev libcli11-dev libssl-dev
+  libopencv-core-dev libopencv-imgproc-dev libopencv-features2d-dev libopencv-dnn-dev libeigen3-dev libspdlog-dev
+  nlohmann-json3-dev libspng-dev libjpeg-dev libtomlplusplus-dev libcli11-dev libssl-dev
   # The stream's server, and its messages, whose code is generated while building.
   libwebsockets-dev libnanopb-dev nanopb protobuf-compiler libprotobuf-dev
   # The tests are built with everything else, and so is the renderer of the demo's log.
