@@ -154,6 +154,25 @@ TEST(PoseSolver, CovarianceMatchesRepeatedMeasurements) {
   }
 }
 
+/// Under the stated noise one observation in twenty is left out, with depth and without.
+TEST(PoseSolver, TestsAtNinetyFivePercent) {
+  for (const bool with_depth : {true, false}) {
+    double kept = 0;
+    constexpr int kTrials = 100;
+    for (std::uint64_t trial = 0; trial < kTrials; ++trial) {
+      std::vector<PoseObservation> all = observations_of(100, 5000 + trial, {1, 1});
+      for (std::size_t i = 0; i < all.size(); ++i) {
+        if (!with_depth) all[i].depth_m = 0;
+        if (with_depth && i % 3 == 0) all[i].weight = 0;  // those without depth are not what is counted here
+      }
+      const PoseEstimate e = solve_pose(all, kCamera, kTruth);
+      ASSERT_TRUE(e.converged);
+      kept += e.inliers / (with_depth ? 66.0 : 100.0) / kTrials;
+    }
+    EXPECT_NEAR(kept, 0.95, 0.02) << "depth " << with_depth;
+  }
+}
+
 TEST(PoseSolver, RejectsOutliersAndOnlyThem) {
   std::vector<PoseObservation> all = observations_of(100, 5, {0.3, 0.3});
   Random random(6);
