@@ -11,11 +11,11 @@ namespace stillmap {
 
 /// What a source delivers.
 struct SourceInfo {
-  std::string name;         ///< for people and the report, e.g. "tum:DIR"
+  std::string name;  ///< for people and the report, e.g. "tum:DIR"
   int width = 0, height = 0;
-  double fps = 0;           ///< nominal; 0 = unknown
-  bool is_log = false;      ///< recorded: it can be paced, and it ends
-  std::size_t frames = 0;   ///< how many a log offers; 0 for a camera
+  double fps = 0;          ///< nominal; 0 = unknown
+  bool is_log = false;     ///< recorded: it can be paced, and it ends
+  std::size_t frames = 0;  ///< how many a log offers; 0 for a camera
 };
 
 enum class GrabStatus : std::uint8_t {
@@ -31,16 +31,17 @@ struct GrabResult {
   DropReason reason = DropReason::MissingFile;  ///< meaningful where status is Dropped
 };
 
-/// A source of RGB-D frames. Its life: open (may refuse), describe, start, grab again and again, stop. Used by one
-/// thread. `grab` takes nothing from the heap: what it needs is made in `open`.
+/// A source of RGB-D frames. Its life: open (may refuse), describe, start, grab again and again, stop. Used
+/// by one thread. `grab` takes nothing from the heap: what it needs is made in `open`.
 class RgbdDriver {
  public:
   virtual ~RgbdDriver() = default;
   virtual Status open() = 0;
   virtual SourceInfo describe() const = 0;
   virtual Status start() = 0;
-  /// Fills colour, depth and both stamps of `slot` (not grey, not the sequence number). `deadline_ns` is on the
-  /// monotonic clock; a log ignores it. The slot's views fix the size: another size is Dropped with WrongSize.
+  /// Fills colour, depth and both stamps of `slot` (not grey, not the sequence number). `deadline_ns` is on
+  /// the monotonic clock; a log ignores it. The slot's views fix the size: another size is Dropped with
+  /// WrongSize.
   virtual GrabResult grab(FrameSlot& slot, Nanoseconds deadline_ns) = 0;
   virtual void stop() = 0;
 };

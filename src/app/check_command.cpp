@@ -14,7 +14,8 @@ void add_check_command(CLI::App& app, Action& action) {
   };
   const auto o = std::make_shared<Options>();
   CLI::App* check_app = app.add_subcommand("check", "Load and validate the configuration; opens nothing");
-  check_app->add_option("--config", o->configs, "Configuration file; later ones override earlier ones")->take_all();
+  check_app->add_option("--config", o->configs, "Configuration file; later ones override earlier ones")
+      ->take_all();
   check_app->add_option("--set", o->overrides, "KEY=VALUE, overrides the files")->take_all();
   check_app->add_flag("--dump", o->dump, "Print every key with where its value came from");
   check_app->callback([o, &action] {

@@ -7,8 +7,8 @@
 
 int main(int argc, char** argv) {
   CLI::App app{"Stillmap: RGB-D frames in, the camera's pose and a map of everything that stands still out."};
-  app.set_version_flag("--version", std::string("stillmap ") + stillmap::kVersion + " (" + stillmap::kGitRevision +
-                                        "), sources: tum");
+  app.set_version_flag("--version", std::string("stillmap ") + stillmap::kVersion + " (" +
+                                        stillmap::kGitRevision + "), sources: tum");
   app.require_subcommand(1);
   stillmap::Action action;
   stillmap::add_run_command(app, action);
@@ -18,7 +18,8 @@ int main(int argc, char** argv) {
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {
-    if (e.get_exit_code() == static_cast<int>(CLI::ExitCodes::Success)) return app.exit(e);  // --help, --version
+    if (e.get_exit_code() == static_cast<int>(CLI::ExitCodes::Success))
+      return app.exit(e);  // --help, --version
     std::fprintf(stderr, "stillmap: %s; see `stillmap --help` and `stillmap COMMAND --help`\n", e.what());
     return static_cast<int>(stillmap::ExitCode::WrongConfig);
   }

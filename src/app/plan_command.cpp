@@ -14,8 +14,9 @@ void print_plan(const Arena& planning, double budget_mb) {
   std::printf("%-28s %12s %12s %10s %7s\n", "pool", "count", "bytes each", "MB", "share");
   for (const PlanLine& line : planning.lines()) {
     const double bytes = static_cast<double>(line.bytes());
-    std::printf("%-28s %12llu %12llu %10.3f %6.1f%%\n", line.name, static_cast<unsigned long long>(line.count),
-                static_cast<unsigned long long>(line.item_bytes), bytes / 1e6, 100 * bytes / total);
+    std::printf("%-28s %12llu %12llu %10.3f %6.1f%%\n", line.name,
+                static_cast<unsigned long long>(line.count), static_cast<unsigned long long>(line.item_bytes),
+                bytes / 1e6, 100 * bytes / total);
   }
   std::printf("%-28s %12s %12s %10.3f (budget %.1f MB)\n", "total", "", "", total / 1e6, budget_mb);
 }
@@ -28,7 +29,8 @@ void add_plan_command(CLI::App& app, Action& action) {
   };
   const auto o = std::make_shared<Options>();
   CLI::App* plan_app = app.add_subcommand("plan", "Print the memory plan; exit 2 where it is over budget");
-  plan_app->add_option("--config", o->configs, "Configuration file; later ones override earlier ones")->take_all();
+  plan_app->add_option("--config", o->configs, "Configuration file; later ones override earlier ones")
+      ->take_all();
   plan_app->add_option("--set", o->overrides, "KEY=VALUE, overrides the files")->take_all();
   plan_app->callback([o, &action] {
     action = [o]() -> Status {
@@ -36,7 +38,8 @@ void add_plan_command(CLI::App& app, Action& action) {
       if (!loaded.ok()) return loaded.error();
       const Config& config = loaded.value().config;
       Arena planning;
-      plan_memory(planning, config, {.detector = config.detector.model != "none", .stream = config.stream.listen != "off"});
+      plan_memory(planning, config,
+                  {.detector = config.detector.model != "none", .stream = config.stream.listen != "off"});
       print_plan(planning, config.memory.budget_mb);
       return check_budget(planning, config);
     };

@@ -6,7 +6,8 @@
 namespace stillmap {
 
 Arena::Arena(std::size_t bytes) : capacity_(bytes) {
-  void* memory = mmap(nullptr, bytes == 0 ? 1 : bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+  void* memory =
+      mmap(nullptr, bytes == 0 ? 1 : bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
   STILLMAP_CHECK(memory != MAP_FAILED);
   memory_ = static_cast<std::byte*>(memory);
 }

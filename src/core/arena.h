@@ -38,8 +38,8 @@ class Arena {
   std::size_t bytes_planned() const { return used_; }
   std::span<const PlanLine> lines() const { return {lines_.begin(), lines_.size()}; }
 
-  /// `count` value-initialised items on a cache line of their own, or an empty span while planning. `name` must
-  /// be a literal. Asking for more than the plan holds is a bug and aborts.
+  /// `count` value-initialised items on a cache line of their own, or an empty span while planning. `name`
+  /// must be a literal. Asking for more than the plan holds is a bug and aborts.
   template <class T>
   std::span<T> take(const char* name, std::size_t count) {
     static_assert(std::is_trivially_destructible_v<T>, "the arena never runs destructors");

@@ -33,8 +33,8 @@ Vec2 CameraModel::undistort(Vec2 pixel) const {
 }
 
 RayTable::RayTable(Arena& arena, const CameraModel& camera)
-    : rays_(arena.take<Ray>("ray_table", static_cast<std::size_t>(camera.width) *
-                                             static_cast<std::size_t>(camera.height))),
+    : rays_(arena.take<Ray>(
+          "ray_table", static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height))),
       width_(static_cast<std::size_t>(camera.width)) {
   if (arena.planning()) return;
   for (int y = 0; y < camera.height; ++y) {

@@ -17,8 +17,8 @@ struct CameraModel {
   double k1 = 0, k2 = 0, p1 = 0, p2 = 0, k3 = 0;
   double depth_units_per_m = 1000;
   double depth_min_m = 0.3, depth_max_m = 8;
-  /// Axial depth noise (1 sigma) is depth_noise_m_at_1m * z^2 with z in metres, as structured light and stereo
-  /// have it (Khoshelham and Elberink, Sensors 12(2), 2012, eq. 10).
+  /// Axial depth noise (1 sigma) is depth_noise_m_at_1m * z^2 with z in metres, as structured light and
+  /// stereo have it (Khoshelham and Elberink, Sensors 12(2), 2012, eq. 10).
   double depth_noise_m_at_1m = 0.0025;
 
   /// Point in the camera frame (z > 0) to the pixel where the lens shows it.
@@ -33,15 +33,17 @@ struct CameraModel {
   double depth_sigma_m(double z_m) const { return depth_noise_m_at_1m * z_m * z_m; }
 };
 
-/// The undistorted ray (x, y, 1) of every pixel, so that back-projecting a picture honours the lens at the price
-/// of a multiplication. Read-only after construction; any thread.
+/// The undistorted ray (x, y, 1) of every pixel, so that back-projecting a picture honours the lens at the
+/// price of a multiplication. Read-only after construction; any thread.
 class RayTable {
  public:
   struct Ray {
     float x = 0, y = 0;
   };
   RayTable(Arena& arena, const CameraModel& camera);
-  Ray at(int x, int y) const { return rays_[static_cast<std::size_t>(y) * width_ + static_cast<std::size_t>(x)]; }
+  Ray at(int x, int y) const {
+    return rays_[static_cast<std::size_t>(y) * width_ + static_cast<std::size_t>(x)];
+  }
 
  private:
   std::span<Ray> rays_;

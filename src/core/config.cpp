@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/config.h"
 
+#include <toml++/toml.h>
+
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
@@ -9,8 +11,6 @@
 #include <string_view>
 #include <variant>
 
-#include <toml++/toml.h>
-
 #include "core/default_classes.h"
 
 namespace stillmap {
@@ -18,7 +18,8 @@ namespace stillmap {
 namespace {
 
 using Mount = std::optional<std::array<double, 7>>;
-using Target = std::variant<int*, std::int64_t*, double*, std::string*, std::vector<std::string>*, Mount*, DynamicRule*>;
+using Target =
+    std::variant<int*, std::int64_t*, double*, std::string*, std::vector<std::string>*, Mount*, DynamicRule*>;
 
 /// One setting: where it is stored and what may stand there.
 struct Key {
@@ -53,20 +54,23 @@ std::vector<Key> describe(Config& c) {
       {"camera.p1", &c.camera.p1, "", "tangential distortion", -1, 1},
       {"camera.p2", &c.camera.p2, "", "tangential distortion", -1, 1},
       {"camera.k3", &c.camera.k3, "", "radial distortion", -10, 10},
-      {"camera.depth_units_per_m", &c.camera.depth_units_per_m, "1/m", "raw depth of one metre", 1, 100000, true},
+      {"camera.depth_units_per_m", &c.camera.depth_units_per_m, "1/m", "raw depth of one metre", 1, 100000,
+       true},
       {"camera.depth_min_m", &c.camera.depth_min_m, "m", "nearer readings are not trusted", 0, 10},
       {"camera.depth_max_m", &c.camera.depth_max_m, "m", "farther readings are not trusted", 0.1, 60},
-      {"camera.depth_noise_m_at_1m", &c.camera.depth_noise_m_at_1m, "m", "depth noise (1 sigma) at 1 m; grows with depth^2",
-       1e-5, 1},
+      {"camera.depth_noise_m_at_1m", &c.camera.depth_noise_m_at_1m, "m",
+       "depth noise (1 sigma) at 1 m; grows with depth^2", 1e-5, 1},
       {"camera.fps", &c.mount.fps, "Hz", "frame rate", 1, 240},
-      {"camera.T_base_camera", &c.mount.T_base_camera, "m", "camera in the robot's base: x, y, z, qx, qy, qz, qw", -100, 100},
-      {"detector.model", &c.detector.model, "", "ONNX file, \"auto\" (the installed network, else none) or \"none\"", 0, 0, false,
-       true},
+      {"camera.T_base_camera", &c.mount.T_base_camera, "m",
+       "camera in the robot's base: x, y, z, qx, qy, qz, qw", -100, 100},
+      {"detector.model", &c.detector.model, "",
+       "ONNX file, \"auto\" (the installed network, else none) or \"none\"", 0, 0, false, true},
       {"detector.sha256", &c.detector.sha256, "", "checksum of the model file; empty: not checked"},
       {"detector.input_width", &c.detector.input_width, "px", "network input, a multiple of 32", 64, 1280},
       {"detector.input_height", &c.detector.input_height, "px", "network input, a multiple of 32", 64, 1280},
       {"detector.score_threshold", &c.detector.score_threshold, "", "weaker detections are dropped", 0.01, 1},
-      {"detector.nms_iou", &c.detector.nms_iou, "", "overlap above which the weaker box of a class goes", 0.05, 1},
+      {"detector.nms_iou", &c.detector.nms_iou, "", "overlap above which the weaker box of a class goes",
+       0.05, 1},
       {"detector.max_age_ms", &c.detector.max_age_ms, "ms", "older boxes are not used", 1, 60000},
       {"classes.names", &c.classes.names, "", "the model's classes in the order of its outputs"},
       {"classes.dynamic", &c.classes.dynamic, "", "classes that move by themselves"},
@@ -77,7 +81,8 @@ std::vector<Key> describe(Config& c) {
       {"track.levels", &c.track.levels, "", "pyramid levels", 1, 8},
       {"track.scale_factor", &c.track.scale_factor, "", "size ratio of two pyramid levels", 1.05, 2},
       {"track.fast_threshold", &c.track.fast_threshold, "grey levels", "corner contrast", 3, 100},
-      {"track.fast_threshold_min", &c.track.fast_threshold_min, "grey levels", "corner contrast where a cell has none", 2, 100},
+      {"track.fast_threshold_min", &c.track.fast_threshold_min, "grey levels",
+       "corner contrast where a cell has none", 2, 100},
       {"track.keyframes", &c.track.keyframes, "", "keyframes kept", 8, 1000},
       {"track.points", &c.track.points, "", "map points kept", 1000, 200000},
       {"track.min_inliers", &c.track.min_inliers, "", "fewer: lost", 6, 500},
@@ -101,7 +106,9 @@ std::string number_text(double v) {
   return out.str();
 }
 
-std::string quoted(const std::string& s) { return "\"" + s + "\""; }
+std::string quoted(const std::string& s) {
+  return "\"" + s + "\"";
+}
 
 std::string value_text(const Target& target) {
   struct Print {
@@ -140,7 +147,9 @@ std::string expectation(const Key& key) {
     std::string operator()(const double*) const { return "a number" + range; }
     std::string operator()(const std::string*) const { return "a text"; }
     std::string operator()(const std::vector<std::string>*) const { return "a list of texts"; }
-    std::string operator()(const Mount*) const { return "[x, y, z, qx, qy, qz, qw] in m and a unit quaternion"; }
+    std::string operator()(const Mount*) const {
+      return "[x, y, z, qx, qy, qz, qw] in m and a unit quaternion";
+    }
     std::string operator()(const DynamicRule*) const { return "\"silhouette\", \"paper\" or \"off\""; }
   };
   return std::visit(Say{range}, key.target);
@@ -215,7 +224,9 @@ bool assign(Key& key, const toml::node& node) {
   return std::visit(Store{key, node}, key.target);
 }
 
-Error wrong(std::string message) { return {ExitCode::WrongConfig, std::move(message)}; }
+Error wrong(std::string message) {
+  return {ExitCode::WrongConfig, std::move(message)};
+}
 
 std::string node_text(const toml::node& node) {
   std::ostringstream out;
@@ -251,7 +262,8 @@ std::string nearest_key(const std::vector<Key>& keys, std::string_view name) {
 Status apply_table(std::vector<Key>& keys, const toml::table& table, const std::string& prefix,
                    const std::string& origin, const std::filesystem::path& folder) {
   for (const auto& [name, node] : table) {
-    const std::string dotted = prefix.empty() ? std::string(name.str()) : prefix + "." + std::string(name.str());
+    const std::string dotted =
+        prefix.empty() ? std::string(name.str()) : prefix + "." + std::string(name.str());
     const auto key = std::find_if(keys.begin(), keys.end(), [&](const Key& k) { return dotted == k.name; });
     if (key == keys.end()) {
       if (const toml::table* inner = node.as_table()) {
@@ -259,11 +271,13 @@ Status apply_table(std::vector<Key>& keys, const toml::table& table, const std::
         continue;
       }
       const std::string meant = nearest_key(keys, dotted);
-      return wrong(origin + ": unknown key '" + dotted + "'" +
-                   (meant.empty() ? "; `stillmap check --dump` lists every key" : "; did you mean '" + meant + "'?"));
+      return wrong(
+          origin + ": unknown key '" + dotted + "'" +
+          (meant.empty() ? "; `stillmap check --dump` lists every key" : "; did you mean '" + meant + "'?"));
     }
     if (!assign(*key, node)) {
-      return wrong(origin + ": key '" + dotted + "' = " + node_text(node) + " does not fit; expected " + expectation(*key));
+      return wrong(origin + ": key '" + dotted + "' = " + node_text(node) + " does not fit; expected " +
+                   expectation(*key));
     }
     if (key->is_path) {
       std::string& path = *std::get<std::string*>(key->target);
@@ -289,7 +303,8 @@ Status apply_override(std::vector<Key>& keys, const std::string& text) {
     try {
       table = toml::parse(name + " = ''");
     } catch (const toml::parse_error&) {
-      return wrong("--set " + text + ": '" + name + "' is not a key; `stillmap check --dump` lists every key");
+      return wrong("--set " + text + ": '" + name +
+                   "' is not a key; `stillmap check --dump` lists every key");
     }
     toml::node* node = &table;
     while (toml::table* inner = node->as_table()) node = &inner->begin()->second;
@@ -301,30 +316,33 @@ Status apply_override(std::vector<Key>& keys, const std::string& text) {
 
 Status check_whole(const Config& c) {
   if (c.camera.depth_min_m >= c.camera.depth_max_m) {
-    return wrong("camera.depth_min_m = " + number_text(c.camera.depth_min_m) + " m must be less than camera.depth_max_m = " +
-                 number_text(c.camera.depth_max_m) + " m");
+    return wrong("camera.depth_min_m = " + number_text(c.camera.depth_min_m) +
+                 " m must be less than camera.depth_max_m = " + number_text(c.camera.depth_max_m) + " m");
   }
   if (c.camera.cx >= c.camera.width || c.camera.cy >= c.camera.height) {
     return wrong("camera.cx, camera.cy = " + number_text(c.camera.cx) + ", " + number_text(c.camera.cy) +
-                 " px lie outside the " + std::to_string(c.camera.width) + " x " + std::to_string(c.camera.height) +
+                 " px lie outside the " + std::to_string(c.camera.width) + " x " +
+                 std::to_string(c.camera.height) +
                  " px picture; take the intrinsics of this very resolution");
   }
   if (c.detector.input_width % 32 != 0 || c.detector.input_height % 32 != 0) {
-    return wrong("detector.input_width, detector.input_height = " + std::to_string(c.detector.input_width) + ", " +
-                 std::to_string(c.detector.input_height) + " px must be multiples of 32");
+    return wrong("detector.input_width, detector.input_height = " + std::to_string(c.detector.input_width) +
+                 ", " + std::to_string(c.detector.input_height) + " px must be multiples of 32");
   }
   const bool hex = c.detector.sha256.find_first_not_of("0123456789abcdef") == std::string::npos;
   if (!c.detector.sha256.empty() && (!hex || c.detector.sha256.size() != 64)) {
-    return wrong("detector.sha256 = \"" + c.detector.sha256 + "\" is not 64 lower-case hexadecimal digits (sha256sum FILE)");
+    return wrong("detector.sha256 = \"" + c.detector.sha256 +
+                 "\" is not 64 lower-case hexadecimal digits (sha256sum FILE)");
   }
   if (c.track.weak_inliers < c.track.min_inliers) {
-    return wrong("track.weak_inliers = " + std::to_string(c.track.weak_inliers) + " must not be less than track.min_inliers = " +
-                 std::to_string(c.track.min_inliers));
+    return wrong("track.weak_inliers = " + std::to_string(c.track.weak_inliers) +
+                 " must not be less than track.min_inliers = " + std::to_string(c.track.min_inliers));
   }
   std::set<std::string> seen;
   for (const auto* list : {&c.classes.dynamic, &c.classes.semi_static, &c.classes.pure_static}) {
     for (const std::string& name : *list) {
-      if (!seen.insert(name).second) return wrong("classes: '" + name + "' is listed twice; a class has one kind");
+      if (!seen.insert(name).second)
+        return wrong("classes: '" + name + "' is listed twice; a class has one kind");
     }
   }
   return {};
@@ -335,14 +353,17 @@ Status check_whole(const Config& c) {
 Result<LoadedConfig> load_config(std::span<const std::string> files, std::span<const std::string> overrides) {
   LoadedConfig loaded;
   std::vector<Key> keys = describe(loaded.config);
-  if (Status s = apply_table(keys, toml::parse(kDefaultClasses), "", "built in", {}); !s.ok()) return s.error();
+  if (Status s = apply_table(keys, toml::parse(kDefaultClasses), "", "built in", {}); !s.ok())
+    return s.error();
   for (const std::string& file : files) {
     if (!std::filesystem::is_regular_file(file)) return wrong(file + ": no such configuration file");
     try {
       const toml::table table = toml::parse_file(file);
-      if (Status s = apply_table(keys, table, "", file, std::filesystem::path(file).parent_path()); !s.ok()) return s.error();
+      if (Status s = apply_table(keys, table, "", file, std::filesystem::path(file).parent_path()); !s.ok())
+        return s.error();
     } catch (const toml::parse_error& e) {
-      return wrong(file + ":" + std::to_string(e.source().begin.line) + ": not valid TOML: " + std::string(e.description()));
+      return wrong(file + ":" + std::to_string(e.source().begin.line) +
+                   ": not valid TOML: " + std::string(e.description()));
     }
   }
   for (const std::string& text : overrides) {
@@ -350,19 +371,21 @@ Result<LoadedConfig> load_config(std::span<const std::string> files, std::span<c
   }
   for (const Key& key : keys) {
     if (key.required && key.origin == "default") {
-      return wrong(std::string("key '") + key.name + "' is missing; expected " + expectation(key) + " (" + key.help +
-                   "); add --config with a file of firmware-config/cameras, or --set it");
+      return wrong(std::string("key '") + key.name + "' is missing; expected " + expectation(key) + " (" +
+                   key.help + "); add --config with a file of firmware-config/cameras, or --set it");
     }
   }
   if (Status s = check_whole(loaded.config); !s.ok()) return s.error();
-  for (const Key& key : keys) loaded.entries.push_back({key.name, value_text(key.target), key.unit, key.origin, key.help});
+  for (const Key& key : keys)
+    loaded.entries.push_back({key.name, value_text(key.target), key.unit, key.origin, key.help});
   return loaded;
 }
 
 std::string config_text(const LoadedConfig& loaded) {
   std::string text;
   for (const ConfigEntry& e : loaded.entries) {
-    text += e.key + " = " + e.value + "  # " + (e.unit.empty() ? "" : "[" + e.unit + "] ") + e.help + "; from " + e.origin + "\n";
+    text += e.key + " = " + e.value + "  # " + (e.unit.empty() ? "" : "[" + e.unit + "] ") + e.help +
+            "; from " + e.origin + "\n";
   }
   return text;
 }

@@ -25,7 +25,8 @@ Membership boxes_around(const DynamicMask& mask, double x, double y) {
 
 Label label_at(const DynamicMask& mask, double x, double y, double depth_m) {
   switch (mask.rule) {
-    case DynamicRule::Off: return Label::Static;
+    case DynamicRule::Off:
+      return Label::Static;
     case DynamicRule::Paper: {
       const Membership in = boxes_around(mask, x, y);
       if (in.pure_static) return Label::Static;

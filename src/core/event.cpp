@@ -5,39 +5,60 @@ namespace stillmap {
 
 const char* to_string(Stage stage) {
   switch (stage) {
-    case Stage::Capture: return "capture";
-    case Stage::Detect: return "detect";
-    case Stage::Track: return "track";
-    case Stage::Map: return "map";
-    case Stage::Stream: return "stream";
-    case Stage::Health: return "health";
+    case Stage::Capture:
+      return "capture";
+    case Stage::Detect:
+      return "detect";
+    case Stage::Track:
+      return "track";
+    case Stage::Map:
+      return "map";
+    case Stage::Stream:
+      return "stream";
+    case Stage::Health:
+      return "health";
   }
   return "?";
 }
 
 const char* to_string(EventCode code) {
   switch (code) {
-    case EventCode::TrackingStarted: return "tracking_started";
-    case EventCode::TrackingWeak: return "tracking_weak";
-    case EventCode::TrackingLost: return "tracking_lost";
-    case EventCode::Relocalized: return "relocalized";
-    case EventCode::DetectorFailed: return "detector_failed";
-    case EventCode::ClientConnected: return "client_connected";
-    case EventCode::ClientGone: return "client_gone";
+    case EventCode::TrackingStarted:
+      return "tracking_started";
+    case EventCode::TrackingWeak:
+      return "tracking_weak";
+    case EventCode::TrackingLost:
+      return "tracking_lost";
+    case EventCode::Relocalized:
+      return "relocalized";
+    case EventCode::DetectorFailed:
+      return "detector_failed";
+    case EventCode::ClientConnected:
+      return "client_connected";
+    case EventCode::ClientGone:
+      return "client_gone";
   }
   return "?";
 }
 
 const char* to_string(DropReason reason) {
   switch (reason) {
-    case DropReason::MissingFile: return "missing_file";
-    case DropReason::CorruptColour: return "corrupt_colour";
-    case DropReason::CorruptDepth: return "corrupt_depth";
-    case DropReason::WrongSize: return "wrong_size";
-    case DropReason::NoDepthMatch: return "no_depth_match";
-    case DropReason::NoFreeSlot: return "no_free_slot";
-    case DropReason::TrackerBehind: return "tracker_behind";
-    case DropReason::TimeJump: return "time_jump";
+    case DropReason::MissingFile:
+      return "missing_file";
+    case DropReason::CorruptColour:
+      return "corrupt_colour";
+    case DropReason::CorruptDepth:
+      return "corrupt_depth";
+    case DropReason::WrongSize:
+      return "wrong_size";
+    case DropReason::NoDepthMatch:
+      return "no_depth_match";
+    case DropReason::NoFreeSlot:
+      return "no_free_slot";
+    case DropReason::TrackerBehind:
+      return "tracker_behind";
+    case DropReason::TimeJump:
+      return "time_jump";
   }
   return "?";
 }

@@ -26,14 +26,14 @@ const char* to_string(EventCode code);
 
 /// Why a frame never reached the tracker.
 enum class DropReason : std::uint8_t {
-  MissingFile,   ///< the list names a file that is not there
+  MissingFile,  ///< the list names a file that is not there
   CorruptColour,
   CorruptDepth,
-  WrongSize,     ///< another size than the camera profile's
-  NoDepthMatch,  ///< no depth picture within the association window
-  NoFreeSlot,    ///< every pool frame was held
-  TrackerBehind, ///< the tracker skipped to a newer frame
-  TimeJump,      ///< the stamp is not later than the one before
+  WrongSize,      ///< another size than the camera profile's
+  NoDepthMatch,   ///< no depth picture within the association window
+  NoFreeSlot,     ///< every pool frame was held
+  TrackerBehind,  ///< the tracker skipped to a newer frame
+  TimeJump,       ///< the stamp is not later than the one before
 };
 constexpr int kDropReasonCount = 8;
 const char* to_string(DropReason reason);
@@ -47,7 +47,8 @@ struct Event {
   std::int64_t a = 0, b = 0;
 };
 
-/// One stage's events on their way to the health thread: the stage produces, health consumes, a full ring counts.
+/// One stage's events on their way to the health thread: the stage produces, health consumes, a full ring
+/// counts.
 using EventRing = SpscRing<Event, 256>;
 
 }  // namespace stillmap

@@ -77,7 +77,8 @@ FrameHandle FramePool::acquire() {
 }
 
 PoolUsage FramePool::usage() const {
-  return {"frames", count_, high_water_.load(std::memory_order_relaxed), refused_.load(std::memory_order_relaxed)};
+  return {"frames", count_, high_water_.load(std::memory_order_relaxed),
+          refused_.load(std::memory_order_relaxed)};
 }
 
 }  // namespace stillmap

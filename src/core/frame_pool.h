@@ -12,7 +12,8 @@
 
 namespace stillmap {
 
-/// One RGB-D frame. Pixels live in the FramePool; the driver fills colour and depth in place, capture adds grey.
+/// One RGB-D frame. Pixels live in the FramePool; the driver fills colour and depth in place, capture adds
+/// grey.
 struct FrameSlot {
   std::uint64_t sequence = 0;
   int camera = 0;
@@ -55,8 +56,8 @@ class FrameHandle {
   Entry* entry_ = nullptr;
 };
 
-/// A fixed number of frames of one size. Only the capture thread acquires, by scanning for a frame that nobody
-/// holds: there is no free list, so there is nothing to go wrong in one.
+/// A fixed number of frames of one size. Only the capture thread acquires, by scanning for a frame that
+/// nobody holds: there is no free list, so there is nothing to go wrong in one.
 class FramePool {
  public:
   FramePool(Arena& arena, std::size_t frames, int width, int height);
@@ -70,7 +71,8 @@ class FramePool {
 
  private:
   std::size_t count_;
-  std::unique_ptr<FrameHandle::Entry[]> entries_;  // made at start; atomics have no place in the arena's plain items
+  std::unique_ptr<FrameHandle::Entry[]>
+      entries_;  // made at start; atomics have no place in the arena's plain items
   std::size_t next_ = 0;
   std::atomic<std::uint64_t> high_water_{0}, refused_{0};
 };

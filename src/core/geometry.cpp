@@ -48,7 +48,9 @@ Pose interpolate(const Pose& a, const Pose& b, double s) {
   return {a.R * exp_so3(s * log_so3(transposed(a.R) * b.R)), a.t + s * (b.t - a.t)};
 }
 
-Mat3 orthonormalized(const Mat3& R) { return rotation_from(quaternion_from(R)); }
+Mat3 orthonormalized(const Mat3& R) {
+  return rotation_from(quaternion_from(R));
+}
 
 bool is_finite(const Pose& T) {
   return std::all_of(T.R.m.begin(), T.R.m.end(), [](double v) { return std::isfinite(v); }) &&

@@ -16,15 +16,27 @@ struct Vec2 {
 struct Vec3 {
   double x = 0, y = 0, z = 0;
 };
-constexpr Vec3 operator+(Vec3 a, Vec3 b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
-constexpr Vec3 operator-(Vec3 a, Vec3 b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
-constexpr Vec3 operator-(Vec3 a) { return {-a.x, -a.y, -a.z}; }
-constexpr Vec3 operator*(double s, Vec3 a) { return {s * a.x, s * a.y, s * a.z}; }
-constexpr double dot(Vec3 a, Vec3 b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+constexpr Vec3 operator+(Vec3 a, Vec3 b) {
+  return {a.x + b.x, a.y + b.y, a.z + b.z};
+}
+constexpr Vec3 operator-(Vec3 a, Vec3 b) {
+  return {a.x - b.x, a.y - b.y, a.z - b.z};
+}
+constexpr Vec3 operator-(Vec3 a) {
+  return {-a.x, -a.y, -a.z};
+}
+constexpr Vec3 operator*(double s, Vec3 a) {
+  return {s * a.x, s * a.y, s * a.z};
+}
+constexpr double dot(Vec3 a, Vec3 b) {
+  return a.x * b.x + a.y * b.y + a.z * b.z;
+}
 constexpr Vec3 cross(Vec3 a, Vec3 b) {
   return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
 }
-inline double norm(Vec3 a) { return std::sqrt(dot(a, a)); }
+inline double norm(Vec3 a) {
+  return std::sqrt(dot(a, a));
+}
 
 /// 3x3 matrix, row-major: m[3 * row + column].
 struct Mat3 {
@@ -63,8 +75,12 @@ struct Pose {
   Mat3 R;
   Vec3 t;
 };
-constexpr Vec3 operator*(const Pose& T, Vec3 p) { return T.R * p + T.t; }
-constexpr Pose operator*(const Pose& a, const Pose& b) { return {a.R * b.R, a.R * b.t + a.t}; }
+constexpr Vec3 operator*(const Pose& T, Vec3 p) {
+  return T.R * p + T.t;
+}
+constexpr Pose operator*(const Pose& a, const Pose& b) {
+  return {a.R * b.R, a.R * b.t + a.t};
+}
 constexpr Pose inverse(const Pose& T) {
   const Mat3 Rt = transposed(T.R);
   return {Rt, -(Rt * T.t)};

@@ -22,8 +22,7 @@ struct ImageView {
   bool contains(int x, int y) const { return x >= 0 && y >= 0 && x < width && y < height; }
   /// Converts as T* does to const T*.
   operator ImageView<const T>() const  // NOLINT(google-explicit-constructor)
-    requires(!std::is_const_v<T>)
-  {
+      requires(!std::is_const_v<T>) {
     return {data, width, height, stride};
   }
 };

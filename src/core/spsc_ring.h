@@ -33,7 +33,8 @@ class SpscRing {
     items_[head & (N - 1)] = std::move(item);
     head_.store(head + 1, std::memory_order_release);
     const std::size_t used = head + 1 - tail_.load(std::memory_order_relaxed);
-    if (used > high_water_.load(std::memory_order_relaxed)) high_water_.store(used, std::memory_order_relaxed);
+    if (used > high_water_.load(std::memory_order_relaxed))
+      high_water_.store(used, std::memory_order_relaxed);
     return true;
   }
 

@@ -15,7 +15,11 @@ inline Nanoseconds monotonic_now() {
              std::chrono::steady_clock::now().time_since_epoch())
       .count();
 }
-constexpr double to_seconds(Nanoseconds t) { return static_cast<double>(t) * 1e-9; }
-constexpr double to_ms(Nanoseconds t) { return static_cast<double>(t) * 1e-6; }
+constexpr double to_seconds(Nanoseconds t) {
+  return static_cast<double>(t) * 1e-9;
+}
+constexpr double to_ms(Nanoseconds t) {
+  return static_cast<double>(t) * 1e-6;
+}
 
 }  // namespace stillmap

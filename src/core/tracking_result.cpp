@@ -5,10 +5,14 @@ namespace stillmap {
 
 const char* to_string(TrackState state) {
   switch (state) {
-    case TrackState::Initializing: return "initializing";
-    case TrackState::Tracking: return "tracking";
-    case TrackState::Weak: return "weak";
-    case TrackState::Lost: return "lost";
+    case TrackState::Initializing:
+      return "initializing";
+    case TrackState::Tracking:
+      return "tracking";
+    case TrackState::Weak:
+      return "weak";
+    case TrackState::Lost:
+      return "lost";
   }
   return "?";
 }

@@ -9,8 +9,8 @@
 
 namespace stillmap {
 
-/// Initializing: no map yet. Tracking: enough inliers. Weak: above the floor, but not by much. Lost: below the
-/// floor; the pose is only predicted and is never published as one.
+/// Initializing: no map yet. Tracking: enough inliers. Weak: above the floor, but not by much. Lost: below
+/// the floor; the pose is only predicted and is never published as one.
 enum class TrackState : std::uint8_t { Initializing, Tracking, Weak, Lost };
 const char* to_string(TrackState state);
 
@@ -18,8 +18,8 @@ struct LabelCounts {
   std::uint32_t static_points = 0, dynamic = 0, semi_static = 0, unknown = 0;
 };
 
-/// The tracker's word on one frame, with its own quality. Frames: map -> odom -> camera. odom is smooth and never
-/// jumps; a correction moves T_map_odom and raises the epoch.
+/// The tracker's word on one frame, with its own quality. Frames: map -> odom -> camera. odom is smooth and
+/// never jumps; a correction moves T_map_odom and raises the epoch.
 struct TrackingResult {
   std::uint64_t sequence = 0;
   Nanoseconds stamp_ns = 0;  ///< the frame's colour stamp

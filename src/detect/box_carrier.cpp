@@ -9,14 +9,16 @@ namespace stillmap {
 
 namespace {
 
-constexpr double kUnknownDepth_m = 2.5;   // a box without readings is carried as if it stood here
-constexpr double kSameObject_m = 0.8;     // two detections of a class nearer than this are one object
-constexpr double kFastest_m_s = 2.5;      // a quick walk
-constexpr double kGrowth_per_s = 0.4;     // of the box's size, for what the velocity does not know
+constexpr double kUnknownDepth_m = 2.5;  // a box without readings is carried as if it stood here
+constexpr double kSameObject_m = 0.8;    // two detections of a class nearer than this are one object
+constexpr double kFastest_m_s = 2.5;     // a quick walk
+constexpr double kGrowth_per_s = 0.4;    // of the box's size, for what the velocity does not know
 constexpr int kMostMisses = 2;
 constexpr double kLongestCoast_s = 0.35;  // the velocity is trusted this long
 
-double depth_or_guess(const Detection& d) { return d.depth_m > 0 ? d.depth_m : kUnknownDepth_m; }
+double depth_or_guess(const Detection& d) {
+  return d.depth_m > 0 ? d.depth_m : kUnknownDepth_m;
+}
 
 }  // namespace
 
@@ -43,7 +45,8 @@ void measure_depths(Detections& detections, ImageView<const std::uint16_t> depth
   }
 }
 
-BoxCarrier::Track BoxCarrier::track_of(const Detection& d, Nanoseconds stamp_ns, const Pose& T_odom_camera) const {
+BoxCarrier::Track BoxCarrier::track_of(const Detection& d, Nanoseconds stamp_ns,
+                                       const Pose& T_odom_camera) const {
   const double z = depth_or_guess(d);
   const auto in_odom = [&](float x, float y) {
     const Vec2 ray = camera_.undistort({x, y});
@@ -96,12 +99,14 @@ void BoxCarrier::update(const Detections& fresh, const Pose& T_odom_camera) {
   }
   for (Track& t : tracks_) t.misses = t.matched ? 0 : t.misses + 1;
   const auto gone = [](const Track& t) { return t.misses > kMostMisses; };
-  tracks_.truncate(static_cast<std::size_t>(std::remove_if(tracks_.begin(), tracks_.end(), gone) - tracks_.begin()));
+  tracks_.truncate(
+      static_cast<std::size_t>(std::remove_if(tracks_.begin(), tracks_.end(), gone) - tracks_.begin()));
 }
 
 void BoxCarrier::carry(Nanoseconds stamp_ns, const Pose& T_odom_camera, Detections& out) {
   const auto too_old = [&](const Track& t) { return stamp_ns - t.seen_ns > max_age_ns_; };
-  tracks_.truncate(static_cast<std::size_t>(std::remove_if(tracks_.begin(), tracks_.end(), too_old) - tracks_.begin()));
+  tracks_.truncate(
+      static_cast<std::size_t>(std::remove_if(tracks_.begin(), tracks_.end(), too_old) - tracks_.begin()));
   out.items.clear();
   out.stamp_ns = stamp_ns;
   const Pose T_camera_odom = inverse(T_odom_camera);

@@ -11,16 +11,17 @@
 
 namespace stillmap {
 
-/// Fills Detection::depth_m from the frame that the boxes were found in: the nearer quarter of the readings in the
-/// middle of the box.
+/// Fills Detection::depth_m from the frame that the boxes were found in: the nearer quarter of the readings
+/// in the middle of the box.
 void measure_depths(Detections& detections, ImageView<const std::uint16_t> depth, const CameraModel& camera);
 
-/// Brings boxes from the frame they were found in to the current one, so that a detector that is late, slow, or
-/// misses now and then still gives boxes for every frame.
+/// Brings boxes from the frame they were found in to the current one, so that a detector that is late, slow,
+/// or misses now and then still gives boxes for every frame.
 ///
-/// A box is held as a rectangle in space, at the depth of its object, with a velocity from the detections before it;
-/// carrying projects it into the current camera. A detector that misses an object once or twice does not end it, nor
-/// does one that says nothing for up to `detector.max_age_ms`. Used by the tracker's thread; no heap.
+/// A box is held as a rectangle in space, at the depth of its object, with a velocity from the detections
+/// before it; carrying projects it into the current camera. A detector that misses an object once or twice
+/// does not end it, nor does one that says nothing for up to `detector.max_age_ms`. Used by the tracker's
+/// thread; no heap.
 class BoxCarrier {
  public:
   BoxCarrier(const CameraModel& camera, Nanoseconds max_age_ns) : camera_(camera), max_age_ns_(max_age_ns) {}
@@ -29,15 +30,15 @@ class BoxCarrier {
   void update(const Detections& fresh, const Pose& T_odom_camera);
   /// Forgets every box, for when the camera's place is lost: nothing can be carried then.
   void clear() { tracks_.clear(); }
-  /// The boxes as they are on the frame at `stamp_ns`, seen from `T_odom_camera`. Boxes of that very frame come back as
-  /// they were found; others grow a little with their age.
+  /// The boxes as they are on the frame at `stamp_ns`, seen from `T_odom_camera`. Boxes of that very frame
+  /// come back as they were found; others grow a little with their age.
   void carry(Nanoseconds stamp_ns, const Pose& T_odom_camera, Detections& out);
 
  private:
   struct Track {
-    Detection seen;             // as last found
+    Detection seen;               // as last found
     std::array<Vec3, 4> corners;  // odom frame, at seen_ns
-    Vec3 centre, velocity;      // odom frame, m and m/s
+    Vec3 centre, velocity;        // odom frame, m and m/s
     Nanoseconds seen_ns = 0;
     bool has_velocity = false;
     bool matched = false;

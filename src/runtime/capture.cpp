@@ -54,11 +54,17 @@ Capture::Outcome Capture::fill_spare(Nanoseconds deadline_ns) {
   const Nanoseconds begin = monotonic_now(), cpu_begin = thread_cpu_now();
   const GrabResult grabbed = driver_.grab(slot, deadline_ns);
   switch (grabbed.status) {
-    case GrabStatus::EndOfStream: return Outcome::End;
-    case GrabStatus::Lost: return Outcome::Lost;
-    case GrabStatus::Timeout: return Outcome::Nothing;
-    case GrabStatus::Dropped: drop(grabbed.reason); return Outcome::Nothing;
-    case GrabStatus::Frame: break;
+    case GrabStatus::EndOfStream:
+      return Outcome::End;
+    case GrabStatus::Lost:
+      return Outcome::Lost;
+    case GrabStatus::Timeout:
+      return Outcome::Nothing;
+    case GrabStatus::Dropped:
+      drop(grabbed.reason);
+      return Outcome::Nothing;
+    case GrabStatus::Frame:
+      break;
   }
   log_.decode_cpu_ns += thread_cpu_now() - cpu_begin;
   log_.decode_time.add(monotonic_now() - begin);

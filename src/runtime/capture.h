@@ -9,11 +9,11 @@
 
 namespace stillmap {
 
-/// The source's frames, one after another, numbered and with grey made; what cannot be used is counted: every frame
-/// that the source offers is handed out or dropped with its reason.
+/// The source's frames, one after another, numbered and with grey made; what cannot be used is counted: every
+/// frame that the source offers is handed out or dropped with its reason.
 ///
-/// The source always fills a spare frame of the pool, which is handed out only when the next spare is there. So a
-/// camera is read, and its frames are dropped one by one, also while the stages hold every other frame.
+/// The source always fills a spare frame of the pool, which is handed out only when the next spare is there.
+/// So a camera is read, and its frames are dropped one by one, also while the stages hold every other frame.
 class Capture {
  public:
   /// Frames later than `duration_s` after the first are not offered any more; 0: all are.
@@ -29,8 +29,8 @@ class Capture {
   }
 
   enum class Outcome { Frame, Nothing, End, Lost };
-  /// `out` holds the next frame where the outcome is Frame. Nothing: this one was dropped, none came in time, or a
-  /// log's frame waits for a place in the pool.
+  /// `out` holds the next frame where the outcome is Frame. Nothing: this one was dropped, none came in time,
+  /// or a log's frame waits for a place in the pool.
   Outcome next(FrameHandle& out, Nanoseconds deadline_ns);
 
  private:

@@ -27,15 +27,16 @@ std::string pool_lines(const RunContext& context) {
     const char* name = mark->name.load(std::memory_order_acquire);
     if (name != nullptr) add(name, mark->high_water.load(), mark->capacity.load(), mark->refused.load());
   }
-  return "# TYPE stillmap_pool_high_water gauge\n" + high_water + "# TYPE stillmap_pool_capacity gauge\n" + capacity +
-         "# TYPE stillmap_pool_refused_total counter\n" + refused;
+  return "# TYPE stillmap_pool_high_water gauge\n" + high_water + "# TYPE stillmap_pool_capacity gauge\n" +
+         capacity + "# TYPE stillmap_pool_refused_total counter\n" + refused;
 }
 
 std::string drop_lines(const RunCounters& c) {
   std::string lines;
   for (int r = 0; r < kDropReasonCount; ++r) {
-    lines += fmt::format("stillmap_frames_dropped_total{{reason=\"{}\"}} {}\n", to_string(static_cast<DropReason>(r)),
-                         c.dropped[static_cast<std::size_t>(r)].load());
+    lines +=
+        fmt::format("stillmap_frames_dropped_total{{reason=\"{}\"}} {}\n",
+                    to_string(static_cast<DropReason>(r)), c.dropped[static_cast<std::size_t>(r)].load());
   }
   return lines;
 }
@@ -79,7 +80,9 @@ void Health::publish() {
   const Nanoseconds now = monotonic_now();
   const RunCounters& c = context_.counters;
   const std::uint64_t processed = c.processed.load(std::memory_order_relaxed);
-  const double fps = published_ns_ == 0 ? 0 : static_cast<double>(processed - processed_before_) / to_seconds(now - published_ns_);
+  const double fps = published_ns_ == 0 ? 0
+                                        : static_cast<double>(processed - processed_before_) /
+                                              to_seconds(now - published_ns_);
   published_ns_ = now;
   processed_before_ = processed;
   if (!context_.stages.stream) return;
@@ -88,10 +91,12 @@ void Health::publish() {
   const char* state = to_string(static_cast<TrackState>(c.state.load(std::memory_order_relaxed)));
   const std::uint64_t rss = resident_kb();
   const std::string json = fmt::format(
-      "{{\"state\":\"{}\",\"fps\":{:.1f},\"uptime_s\":{:.1f},\"frames\":{{\"offered\":{},\"processed\":{},\"dropped\":{}}},"
-      "\"tracking\":{{\"tracked\":{},\"weak\":{},\"lost\":{},\"keyframes\":{}}},\"detector_runs\":{},\"rss_kb\":{}}}",
-      state, fps, to_seconds(now - started_ns_), c.offered.load(), processed, dropped, c.tracked.load(), c.weak.load(),
-      c.lost.load(), c.keyframes.load(), c.detector_runs.load(), rss);
+      "{{\"state\":\"{}\",\"fps\":{:.1f},\"uptime_s\":{:.1f},\"frames\":{{\"offered\":{},\"processed\":{},"
+      "\"dropped\":{}}},"
+      "\"tracking\":{{\"tracked\":{},\"weak\":{},\"lost\":{},\"keyframes\":{}}},\"detector_runs\":{},\"rss_"
+      "kb\":{}}}",
+      state, fps, to_seconds(now - started_ns_), c.offered.load(), processed, dropped, c.tracked.load(),
+      c.weak.load(), c.lost.load(), c.keyframes.load(), c.detector_runs.load(), rss);
   const std::string metrics = fmt::format(
       "# TYPE stillmap_frames_offered_total counter\nstillmap_frames_offered_total {}\n"
       "# TYPE stillmap_frames_processed_total counter\nstillmap_frames_processed_total {}\n"
@@ -101,9 +106,10 @@ void Health::publish() {
       "# TYPE stillmap_tracking_state gauge\nstillmap_tracking_state {}\n"
       "# TYPE stillmap_fps gauge\nstillmap_fps {:.2f}\n"
       "# TYPE stillmap_resident_bytes gauge\nstillmap_resident_bytes {}\n{}",
-      c.offered.load(), processed, drop_lines(c), c.lost.load(), c.detector_runs.load(), c.state.load(), fps, rss * 1024,
-      pool_lines(context_));
-  if (!context_.stages.stream->publish_health(json, metrics)) spdlog::warn("health text is too long for the stream");
+      c.offered.load(), processed, drop_lines(c), c.lost.load(), c.detector_runs.load(), c.state.load(), fps,
+      rss * 1024, pool_lines(context_));
+  if (!context_.stages.stream->publish_health(json, metrics))
+    spdlog::warn("health text is too long for the stream");
 }
 
 }  // namespace stillmap

@@ -7,12 +7,13 @@
 
 namespace stillmap {
 
-/// Turns events into log lines, and counts into what `/health` and `/metrics` answer. One thread, beside the frame's
-/// way; it may use the heap.
+/// Turns events into log lines, and counts into what `/health` and `/metrics` answer. One thread, beside the
+/// frame's way; it may use the heap.
 class Health {
  public:
   explicit Health(RunContext& context) : context_(context) {}
-  /// Logs what happened since the last call; once a second, also what was dropped, and new texts for the stream.
+  /// Logs what happened since the last call; once a second, also what was dropped, and new texts for the
+  /// stream.
   void tick();
   /// The last words, when every stage has ended.
   void finish();

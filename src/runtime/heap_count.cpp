@@ -13,10 +13,16 @@ constinit std::array<std::atomic<std::uint64_t>, kHeapOwners> counts{};
 
 }  // namespace
 
-HeapScope::HeapScope(HeapOwner owner) : before_(current_owner) { current_owner = owner; }
-HeapScope::~HeapScope() { current_owner = before_; }
+HeapScope::HeapScope(HeapOwner owner) : before_(current_owner) {
+  current_owner = owner;
+}
+HeapScope::~HeapScope() {
+  current_owner = before_;
+}
 
-void start_heap_count() { counting.store(true, std::memory_order_relaxed); }
+void start_heap_count() {
+  counting.store(true, std::memory_order_relaxed);
+}
 
 std::array<std::uint64_t, kHeapOwners> heap_counts() {
   std::array<std::uint64_t, kHeapOwners> out{};

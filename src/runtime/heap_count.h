@@ -6,12 +6,14 @@
 
 namespace stillmap {
 
-/// Whose work a thread does right now, as the report names it. `None` is start, shutdown, and the main thread.
+/// Whose work a thread does right now, as the report names it. `None` is start, shutdown, and the main
+/// thread.
 enum class HeapOwner : std::uint8_t { None, Capture, Track, Map, Stream, Detect, Driver };
 constexpr std::size_t kHeapOwners = 7;
 
-/// Counts what this thread takes from the heap as `owner`'s while it lives. malloc and its kin are interposed in the
-/// stillmap program; in a program that does not link the interposer, or under a sanitizer, every count stays 0.
+/// Counts what this thread takes from the heap as `owner`'s while it lives. malloc and its kin are interposed
+/// in the stillmap program; in a program that does not link the interposer, or under a sanitizer, every count
+/// stays 0.
 class HeapScope {
  public:
   explicit HeapScope(HeapOwner owner);

@@ -11,8 +11,8 @@
 
 namespace stillmap {
 
-/// A histogram of times in fixed memory, exact to 1.6 % over the whole range from 1 us to an hour. One thread adds;
-/// it is read when that thread has ended.
+/// A histogram of times in fixed memory, exact to 1.6 % over the whole range from 1 us to an hour. One thread
+/// adds; it is read when that thread has ended.
 class LatencyHistogram {
  public:
   void add(Nanoseconds time) {

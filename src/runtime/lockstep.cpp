@@ -3,8 +3,8 @@
 #include <vector>
 
 #include "runtime/capture.h"
-#include "runtime/heap_count.h"
 #include "runtime/health.h"
+#include "runtime/heap_count.h"
 #include "runtime/run_context.h"
 
 namespace stillmap {
@@ -22,7 +22,9 @@ class DelayedDetections {
   /// Where the next item is made; it counts from `add` on.
   Item& next() { return queue_[(first_ + count_) % queue_.size()]; }
   void add() { ++count_; }
-  Item* due(std::uint64_t frame) { return count_ > 0 && queue_[first_].due_frame <= frame ? &queue_[first_] : nullptr; }
+  Item* due(std::uint64_t frame) {
+    return count_ > 0 && queue_[first_].due_frame <= frame ? &queue_[first_] : nullptr;
+  }
   void pop() {
     queue_[first_].detected.frame.reset();
     first_ = (first_ + 1) % queue_.size();
@@ -71,7 +73,8 @@ void run_lockstep(RunContext& context) {
     }
     if (auto* item = delayed.due(n)) {
       // Its own boxes came with the frame where nothing is late.
-      if (item->detected.frame->sequence != frame->sequence) context.stages.map.take_detected(std::move(item->detected));
+      if (item->detected.frame->sequence != frame->sequence)
+        context.stages.map.take_detected(std::move(item->detected));
       delayed.pop();
     }
     context.counters.blocks.note(context.stages.map.map().usage());

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Counts every allocation of the process, those of libraries included. glibc documents that a program may replace
-// malloc; these hand on to glibc's own. Sanitizers bring their own malloc, so this stays out of their way.
+// Counts every allocation of the process, those of libraries included. glibc documents that a program may
+// replace malloc; these hand on to glibc's own. Sanitizers bring their own malloc, so this stays out of their
+// way.
 #include "runtime/heap_count.h"
 
 #if defined(__GLIBC__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)

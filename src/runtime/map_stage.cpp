@@ -10,19 +10,21 @@ MapStage::MapStage(Arena& arena, const Config& config, const RayTable& rays, boo
     : config_(config), map_(arena, config.map, config.camera, rays), has_detector_(has_detector) {}
 
 bool MapStage::due(std::uint64_t sequence) const {
-  return map_.fused_frames() == 0 || sequence >= last_fused_sequence_ + static_cast<std::uint64_t>(config_.map.fuse_every);
+  return map_.fused_frames() == 0 ||
+         sequence >= last_fused_sequence_ + static_cast<std::uint64_t>(config_.map.fuse_every);
 }
 
 void MapStage::take_frame(PosedFrame&& posed) {
   const FrameSlot& frame = *posed.frame;
   if (newest_ns_ == 0) last_boxes_ns_ = frame.colour_ns;
   newest_ns_ = frame.colour_ns;
-  const RecentPose& pose = recent_[frame.sequence % recent_.size()] = {frame.sequence, posed.T_map_colour, posed.T_map_depth,
-                                                                       posed.reference_keyframe};
+  const RecentPose& pose = recent_[frame.sequence % recent_.size()] = {
+      frame.sequence, posed.T_map_colour, posed.T_map_depth, posed.reference_keyframe};
   if (posed.boxes_are_its_own) last_boxes_ns_ = newest_ns_;
   const bool detector_silent =
       newest_ns_ - last_boxes_ns_ > static_cast<Nanoseconds>(config_.detector.max_age_ms) * 1'000'000;
-  if (has_detector_ && !posed.boxes_are_its_own && !detector_silent) return;  // its own boxes are on their way
+  if (has_detector_ && !posed.boxes_are_its_own && !detector_silent)
+    return;  // its own boxes are on their way
   if (due(frame.sequence)) {
     fuse(frame, pose, posed.mask);
     (posed.boxes_are_its_own ? counts_.own_boxes : counts_.carried_boxes) += 1;

@@ -21,9 +21,9 @@ struct FuseCounts {
   std::uint64_t own_boxes = 0, carried_boxes = 0, unposed = 0;
 };
 
-/// Posed frames and boxes in, voxels out. Frames are fused that the detector has seen, with their own boxes; where it
-/// has said nothing for `detector.max_age_ms`, or there is none, frames are fused with the tracker's mask. Knows no
-/// threads.
+/// Posed frames and boxes in, voxels out. Frames are fused that the detector has seen, with their own boxes;
+/// where it has said nothing for `detector.max_age_ms`, or there is none, frames are fused with the tracker's
+/// mask. Knows no threads.
 class MapStage {
  public:
   MapStage(Arena& arena, const Config& config, const RayTable& rays, bool has_detector);

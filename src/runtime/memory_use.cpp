@@ -19,7 +19,11 @@ std::uint64_t status_field(const std::string& name) {
 
 }  // namespace
 
-std::uint64_t resident_kb() { return status_field("VmRSS:"); }
-std::uint64_t resident_peak_kb() { return status_field("VmHWM:"); }
+std::uint64_t resident_kb() {
+  return status_field("VmRSS:");
+}
+std::uint64_t resident_peak_kb() {
+  return status_field("VmHWM:");
+}
 
 }  // namespace stillmap

@@ -5,8 +5,8 @@
 
 namespace stillmap {
 
-/// This process's resident memory now, and the most it ever had, in KB, as the kernel counts it; 0 where /proc is not
-/// mounted.
+/// This process's resident memory now, and the most it ever had, in KB, as the kernel counts it; 0 where
+/// /proc is not mounted.
 std::uint64_t resident_kb();
 std::uint64_t resident_peak_kb();
 

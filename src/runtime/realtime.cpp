@@ -9,8 +9,8 @@
 #include "core/latest_value.h"
 #include "core/spsc_ring.h"
 #include "runtime/capture.h"
-#include "runtime/heap_count.h"
 #include "runtime/health.h"
+#include "runtime/heap_count.h"
 #include "runtime/run_context.h"
 #include "runtime/waker.h"
 
@@ -22,9 +22,9 @@ constexpr Nanoseconds kMillisecond = 1'000'000;
 // A lost wake would cost this much and no more; a thread that waits sees the wish to stop as often.
 constexpr Nanoseconds kIdleWait = 50 * kMillisecond;
 
-/// The threads' shared part. Frames go capture -> track -> map through rings in which every item counts; the detector
-/// sees the newest frame only. The end of the stream travels as an item of its own behind the last frame, so each
-/// thread ends after its last work.
+/// The threads' shared part. Frames go capture -> track -> map through rings in which every item counts; the
+/// detector sees the newest frame only. The end of the stream travels as an item of its own behind the last
+/// frame, so each thread ends after its last work.
 struct Lanes {
   struct FrameItem {
     FrameHandle frame;
@@ -43,7 +43,9 @@ struct Lanes {
   std::atomic<bool> detect_end{false}, stream_end{false};
 };
 
-void name_thread(const char* name) { pthread_setname_np(pthread_self(), name); }
+void name_thread(const char* name) {
+  pthread_setname_np(pthread_self(), name);
+}
 
 template <class Ring>
 void push_end(Ring& ring, Waker& consumer, Waker& self) {

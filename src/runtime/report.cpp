@@ -22,7 +22,10 @@ double rounded(double value, int decimals) {
 
 Json quantiles(const LatencyHistogram& h) {
   const auto ms = [](double v) { return rounded(v, 3); };
-  return {{"p50", ms(h.quantile_ms(0.5))}, {"p95", ms(h.quantile_ms(0.95))}, {"p99", ms(h.quantile_ms(0.99))}, {"max", ms(h.max_ms())}};
+  return {{"p50", ms(h.quantile_ms(0.5))},
+          {"p95", ms(h.quantile_ms(0.95))},
+          {"p99", ms(h.quantile_ms(0.99))},
+          {"max", ms(h.max_ms())}};
 }
 
 Json frames_part(const RunCounters& c) {
@@ -78,14 +81,10 @@ Json map_part(const RunContext& context) {
   const VoxelMap& map = context.stages.map.map();
   const FuseCounts& counts = context.stages.map.counts();
   const PoolUsage blocks = map.usage();
-  return {{"voxels", map.occupied_voxels()},
-          {"blocks_used", map.blocks().blocks_used()},
-          {"blocks_capacity", blocks.capacity},
-          {"blocks_evicted", map.blocks_evicted()},
-          {"voxel_m", map.voxel_m()},
-          {"point_reduction", rounded(map.point_reduction(), 3)},
-          {"frames_fused", map.fused_frames()},
-          {"frames_fused_with_own_boxes", counts.own_boxes}};
+  return {{"voxels", map.occupied_voxels()},    {"blocks_used", map.blocks().blocks_used()},
+          {"blocks_capacity", blocks.capacity}, {"blocks_evicted", map.blocks_evicted()},
+          {"voxel_m", map.voxel_m()},           {"point_reduction", rounded(map.point_reduction(), 3)},
+          {"frames_fused", map.fused_frames()}, {"frames_fused_with_own_boxes", counts.own_boxes}};
 }
 
 Json accuracy_part(const Accuracy& a) {
@@ -102,7 +101,9 @@ Json accuracy_part(const Accuracy& a) {
 
 }  // namespace
 
-std::string accuracy_json(const Accuracy& accuracy) { return accuracy_part(accuracy).dump() + "\n"; }
+std::string accuracy_json(const Accuracy& accuracy) {
+  return accuracy_part(accuracy).dump() + "\n";
+}
 
 std::string make_report(const RunContext& context, const ReportFacts& facts) {
   const RunCounters& c = context.counters;
@@ -128,7 +129,8 @@ std::string make_report(const RunContext& context, const ReportFacts& facts) {
   report["cpu_decode_s"] = rounded(to_seconds(context.capture_log.decode_cpu_ns), 3);
   report["wall_s"] = rounded(wall_s, 3);
   const Nanoseconds first_pose = context.track_log.first_pose_ns;
-  report["start_to_first_pose_ms"] = first_pose == 0 ? Json() : Json(rounded(to_ms(first_pose - facts.process_start_ns), 1));
+  report["start_to_first_pose_ms"] =
+      first_pose == 0 ? Json() : Json(rounded(to_ms(first_pose - facts.process_start_ns), 1));
   report["detector"] = {{"model", facts.model},
                         {"runs", c.detector_runs.load()},
                         {"failures", c.detector_failures.load()},
@@ -140,7 +142,9 @@ std::string make_report(const RunContext& context, const ReportFacts& facts) {
   report["shedding"] = {{"steps", 0}, {"frames_shed", 0}};
   report["map"] = map_part(context);
   const StreamStats stream = context.stages.stream ? context.stages.stream->stats() : StreamStats{};
-  report["stream"] = {{"clients_peak", stream.clients_peak}, {"bytes_sent", stream.bytes_sent}, {"messages_dropped", stream.messages_dropped}};
+  report["stream"] = {{"clients_peak", stream.clients_peak},
+                      {"bytes_sent", stream.bytes_sent},
+                      {"messages_dropped", stream.messages_dropped}};
   if (facts.accuracy) report["accuracy"] = accuracy_part(*facts.accuracy);
   // A path that is no UTF-8 must not cost the report.
   return report.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";

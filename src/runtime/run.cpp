@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/run.h"
 
-#include <spdlog/spdlog.h>
 #include <spdlog/sinks/stdout_sinks.h>
+#include <spdlog/spdlog.h>
 
 #include <csignal>
 #include <ctime>
@@ -23,7 +23,9 @@ namespace {
 std::atomic<bool> stop_requested{false};
 static_assert(std::atomic<bool>::is_always_lock_free, "a signal handler stores into it");
 
-void on_signal(int) { stop_requested.store(true, std::memory_order_relaxed); }
+void on_signal(int) {
+  stop_requested.store(true, std::memory_order_relaxed);
+}
 
 /// SIGINT and SIGTERM ask for an orderly end; a client that hangs up is no reason to die.
 void handle_signals() {
@@ -53,21 +55,27 @@ Status check_outputs(const RunOptions& o) {
   return {};
 }
 
-/// A run in which no frame could be used leaves earlier outputs as they are, but for the report, which counts why.
-bool has_results(const RunContext& context) { return context.counters.processed.load() > 0 || context.stop.load(); }
+/// A run in which no frame could be used leaves earlier outputs as they are, but for the report, which counts
+/// why.
+bool has_results(const RunContext& context) {
+  return context.counters.processed.load() > 0 || context.stop.load();
+}
 
-Status write_outputs(const RunContext& context, ReportFacts& facts, const std::vector<StampedPose>& groundtruth,
-                     const std::vector<Nanoseconds>& stamps) {
+Status write_outputs(const RunContext& context, ReportFacts& facts,
+                     const std::vector<StampedPose>& groundtruth, const std::vector<Nanoseconds>& stamps) {
   const RunOptions& o = context.options;
   const std::string header =
-      "stamp tx ty tz qx qy qz qw: T_map_camera (camera x right, y down, z forward; metres; stamps of the source)";
+      "stamp tx ty tz qx qy qz qw: T_map_camera (camera x right, y down, z forward; metres; stamps of the "
+      "source)";
   Status first;
   const auto keep_first = [&](const Status& s) {
     if (!s.ok() && first.ok()) first = s;
   };
   const bool results = has_results(context);
-  if (results && !o.trajectory.empty()) keep_first(write_trajectory(o.trajectory, context.track_log.causal, header));
-  if (results && !o.trajectory_final.empty()) keep_first(write_trajectory(o.trajectory_final, context.track_log.causal, header));
+  if (results && !o.trajectory.empty())
+    keep_first(write_trajectory(o.trajectory, context.track_log.causal, header));
+  if (results && !o.trajectory_final.empty())
+    keep_first(write_trajectory(o.trajectory_final, context.track_log.causal, header));
   if (results && !o.map.empty()) {
     const auto timeout_ns = static_cast<Nanoseconds>(context.config.map.save_timeout_s * 1e9);
     keep_first(write_ply(context.stages.map.map(), o.map, timeout_ns));
@@ -84,11 +92,12 @@ Status write_outputs(const RunContext& context, ReportFacts& facts, const std::v
 void say_summary(const RunContext& context, const ReportFacts& facts) {
   const RunCounters& c = context.counters;
   const double wall_s = to_seconds(facts.run_end_ns - facts.run_start_ns);
-  spdlog::info("{} frames in {:.1f} s: {} tracked, {} weak, {} lost; {} keyframes, {} voxels", c.processed.load(), wall_s,
-               c.tracked.load(), c.weak.load(), c.lost.load(), c.keyframes.load(), context.stages.map.map().occupied_voxels());
+  spdlog::info("{} frames in {:.1f} s: {} tracked, {} weak, {} lost; {} keyframes, {} voxels",
+               c.processed.load(), wall_s, c.tracked.load(), c.weak.load(), c.lost.load(), c.keyframes.load(),
+               context.stages.map.map().occupied_voxels());
   if (facts.accuracy) {
-    spdlog::info("ATE {:.4f} m (RMSE), {:.4f} m (max), coverage {:.3f}", facts.accuracy->ate_rmse_m, facts.accuracy->ate_max_m,
-                 facts.accuracy->coverage);
+    spdlog::info("ATE {:.4f} m (RMSE), {:.4f} m (max), coverage {:.3f}", facts.accuracy->ate_rmse_m,
+                 facts.accuracy->ate_max_m, facts.accuracy->coverage);
   }
 }
 
@@ -101,17 +110,20 @@ void plan_memory(Arena& planning, const Config& config, const Stages::Parts& par
 Status check_budget(const Arena& planning, const Config& config) {
   const double mb = static_cast<double>(planning.bytes_planned()) / 1e6;
   if (mb <= config.memory.budget_mb) return {};
-  return Error{ExitCode::WrongConfig, fmt::format("the memory plan needs {:.1f} MB, memory.budget_mb is {:.1f} MB; lower "
-                                                  "map.capacity_voxels, track.keyframes or runtime.frame_pool (`stillmap plan` "
-                                                  "shows the shares) or raise the budget",
-                                                  mb, config.memory.budget_mb)};
+  return Error{ExitCode::WrongConfig,
+               fmt::format("the memory plan needs {:.1f} MB, memory.budget_mb is {:.1f} MB; lower "
+                           "map.capacity_voxels, track.keyframes or runtime.frame_pool (`stillmap plan` "
+                           "shows the shares) or raise the budget",
+                           mb, config.memory.budget_mb)};
 }
 
 Status run_outcome(const RunContext& context) {
   const std::string& source = context.options.source;
-  if (context.source_lost) return Error{ExitCode::RunFailed, source + ": the source is gone; check its cable and power"};
+  if (context.source_lost)
+    return Error{ExitCode::RunFailed, source + ": the source is gone; check its cable and power"};
   if (!has_results(context)) {
-    return Error{ExitCode::UnreadableInput, source + ": no frame could be used; the report (--report FILE) counts why"};
+    return Error{ExitCode::UnreadableInput,
+                 source + ": no frame could be used; the report (--report FILE) counts why"};
   }
   return {};
 }
@@ -120,7 +132,8 @@ Status run(const RunOptions& options) {
   const Nanoseconds process_start_ns = monotonic_now();
   stop_requested.store(false);
   handle_signals();
-  spdlog::set_default_logger(std::make_shared<spdlog::logger>("stillmap", std::make_shared<spdlog::sinks::stderr_sink_mt>()));
+  spdlog::set_default_logger(
+      std::make_shared<spdlog::logger>("stillmap", std::make_shared<spdlog::sinks::stderr_sink_mt>()));
   const Result<LoadedConfig> loaded = load_config(options.configs, options.overrides);
   if (!loaded.ok()) return loaded.error();
   Config config = loaded.value().config;
@@ -164,9 +177,11 @@ Status run(const RunOptions& options) {
     spdlog::info("stream: open http://{} or point Foxglove at ws://{}", at, at);
   }
 
-  const auto context = std::make_unique<RunContext>(config, options, *source.value().driver, detector.get(), *stages, stop_requested);
+  const auto context = std::make_unique<RunContext>(config, options, *source.value().driver, detector.get(),
+                                                    *stages, stop_requested);
   constexpr std::size_t kPosesOfACamera = 200'000;
-  context->track_log.causal.reserve(source.value().stamps.empty() ? kPosesOfACamera : source.value().stamps.size());
+  context->track_log.causal.reserve(source.value().stamps.empty() ? kPosesOfACamera
+                                                                  : source.value().stamps.size());
   if (Status s = source.value().driver->start(); !s.ok()) return s;
 
   ReportFacts facts;

@@ -12,11 +12,12 @@
 
 namespace stillmap {
 
-/// The whole of `stillmap run`: configuration, source, pipeline, outputs. Ends on the source's end, SIGINT or SIGTERM
-/// with every output complete.
+/// The whole of `stillmap run`: configuration, source, pipeline, outputs. Ends on the source's end, SIGINT or
+/// SIGTERM with every output complete.
 Status run(const RunOptions& options);
 
-/// What the end of a run means: RunFailed where the source was lost, UnreadableInput where no frame could be used.
+/// What the end of a run means: RunFailed where the source was lost, UnreadableInput where no frame could be
+/// used.
 Status run_outcome(const RunContext& context);
 
 /// The memory that a run with these parts takes from its arena.

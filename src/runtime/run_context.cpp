@@ -15,7 +15,8 @@ void note_state(RunContext& context, const TrackingResult& result, TrackState be
   if (before == TrackState::Lost) code = EventCode::Relocalized;
   if (before == TrackState::Weak && result.state == TrackState::Tracking) return;
   if (result.state == TrackState::Lost) code = EventCode::TrackingLost;
-  static_cast<void>(context.events_of(Stage::Track).try_push({monotonic_now(), Stage::Track, code, result.sequence, result.inliers, 0}));
+  static_cast<void>(context.events_of(Stage::Track)
+                        .try_push({monotonic_now(), Stage::Track, code, result.sequence, result.inliers, 0}));
 }
 
 }  // namespace
@@ -51,8 +52,9 @@ bool detect_frame(RunContext& context, const FrameSlot& frame, Detections& out) 
     context.detect_log.run_time.add(monotonic_now() - begin);
   } else {
     RunCounters::bump(context.counters.detector_failures);
-    static_cast<void>(context.events_of(Stage::Detect).try_push(
-        {monotonic_now(), Stage::Detect, EventCode::DetectorFailed, frame.sequence, 0, 0}));
+    static_cast<void>(
+        context.events_of(Stage::Detect)
+            .try_push({monotonic_now(), Stage::Detect, EventCode::DetectorFailed, frame.sequence, 0, 0}));
   }
   return ok;
 }

@@ -16,7 +16,8 @@ namespace stillmap {
 
 /// Everything a running pipeline works with; owned by `run`. Both modes drive the same stages through it.
 struct RunContext {
-  RunContext(const Config& c, const RunOptions& o, RgbdDriver& d, Detector* n, Stages& s, const std::atomic<bool>& stopping)
+  RunContext(const Config& c, const RunOptions& o, RgbdDriver& d, Detector* n, Stages& s,
+             const std::atomic<bool>& stopping)
       : config(c), options(o), driver(d), detector(n), stages(s), stop(stopping) {}
 
   const Config& config;

@@ -6,8 +6,8 @@
 
 namespace stillmap {
 
-/// Realtime: a log on the wall clock, one thread a stage, dropping as a camera would. Lockstep: every frame through
-/// every stage in turn on one thread; the same input gives the same bytes.
+/// Realtime: a log on the wall clock, one thread a stage, dropping as a camera would. Lockstep: every frame
+/// through every stage in turn on one thread; the same input gives the same bytes.
 enum class RunMode { Lockstep, Realtime };
 
 /// What `stillmap run` was asked for. Empty paths: not asked for.

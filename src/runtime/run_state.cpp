@@ -3,7 +3,8 @@
 
 namespace stillmap {
 
-void TrackLog::note(const TrackingResult& result, TrackState before, Nanoseconds due_ns, RunCounters& counters) {
+void TrackLog::note(const TrackingResult& result, TrackState before, Nanoseconds due_ns,
+                    RunCounters& counters) {
   using C = RunCounters;
   const Nanoseconds now = monotonic_now();
   C::bump(counters.processed);

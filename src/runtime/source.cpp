@@ -9,7 +9,8 @@ Result<OpenedSource> open_source(const std::string& uri, const Config& config) {
   const std::size_t colon = uri.find(':');
   const std::string scheme = uri.substr(0, colon);
   if (colon == std::string::npos || scheme != "tum") {
-    return Error{ExitCode::WrongConfig, "--source " + uri + ": expected tum:DIR, a folder in the TUM RGB-D layout"};
+    return Error{ExitCode::WrongConfig,
+                 "--source " + uri + ": expected tum:DIR, a folder in the TUM RGB-D layout"};
   }
   auto log = std::make_unique<TumLog>(uri.substr(colon + 1), config.camera.width, config.camera.height);
   if (Status s = log->open(); !s.ok()) return s.error();

@@ -12,16 +12,16 @@
 
 namespace stillmap {
 
-/// Everything that takes memory for the length of a run, built once. Built over a planning arena it takes nothing and
-/// leaves the plan behind.
+/// Everything that takes memory for the length of a run, built once. Built over a planning arena it takes
+/// nothing and leaves the plan behind.
 struct Stages {
   struct Parts {
     bool detector = false, stream = false;
     int extra_frames = 0;  ///< beyond runtime.frame_pool: what lockstep keeps for a late detector
   };
   Stages(Arena& arena, const Config& config, const Parts& parts)
-      : frames(arena, static_cast<std::size_t>(config.runtime.frame_pool + parts.extra_frames), config.camera.width,
-               config.camera.height),
+      : frames(arena, static_cast<std::size_t>(config.runtime.frame_pool + parts.extra_frames),
+               config.camera.width, config.camera.height),
         rays(arena, config.camera),
         track(arena, config),
         map(arena, config, rays, parts.detector) {

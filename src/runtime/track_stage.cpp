@@ -32,7 +32,9 @@ const TrackingResult& TrackStage::step(const FrameSlot& frame) {
   carrier_.carry(frame.colour_ns, predicted, carried_);
   carried_.sequence = frame.sequence;
   segment(carried_, frame.depth, config_.camera, config_.track.dynamic_rule, mask_);
-  (boxes_are_its_own_ ? box_supply_.fresh : carried_.items.empty() ? box_supply_.none : box_supply_.carried) += 1;
+  (boxes_are_its_own_       ? box_supply_.fresh
+   : carried_.items.empty() ? box_supply_.none
+                            : box_supply_.carried) += 1;
 
   result_ = tracker_.track(frame, mask_);
   if (!result_.has_pose()) carrier_.clear();

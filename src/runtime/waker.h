@@ -15,15 +15,16 @@ namespace stillmap {
 
 /// Lets one thread sleep until others have work for it, without a lock: a futex on a counter.
 ///
-/// The sleeper takes a ticket, looks for work, and waits with that ticket; a wake between the two makes the wait
-/// return at once, so none is lost. `wake` costs a system call only while somebody sleeps.
+/// The sleeper takes a ticket, looks for work, and waits with that ticket; a wake between the two makes the
+/// wait return at once, so none is lost. `wake` costs a system call only while somebody sleeps.
 class Waker {
  public:
   std::uint32_t ticket() const { return wakes_.load(std::memory_order_acquire); }
   void wake() {
     wakes_.fetch_add(1, std::memory_order_seq_cst);
     if (sleepers_.load(std::memory_order_seq_cst) > 0) {
-      syscall(SYS_futex, reinterpret_cast<std::uint32_t*>(&wakes_), FUTEX_WAKE_PRIVATE, 1 << 30, nullptr, nullptr, 0);
+      syscall(SYS_futex, reinterpret_cast<std::uint32_t*>(&wakes_), FUTEX_WAKE_PRIVATE, 1 << 30, nullptr,
+              nullptr, 0);
     }
   }
   /// Returns when woken since `ticket`, and after `timeout` at the latest.
@@ -32,7 +33,8 @@ class Waker {
     const timespec span{timeout / 1'000'000'000, timeout % 1'000'000'000};
     sleepers_.fetch_add(1, std::memory_order_seq_cst);
     if (wakes_.load(std::memory_order_seq_cst) == ticket) {
-      syscall(SYS_futex, reinterpret_cast<std::uint32_t*>(&wakes_), FUTEX_WAIT_PRIVATE, ticket, &span, nullptr, 0);
+      syscall(SYS_futex, reinterpret_cast<std::uint32_t*>(&wakes_), FUTEX_WAIT_PRIVATE, ticket, &span,
+              nullptr, 0);
     }
     sleepers_.fetch_sub(1, std::memory_order_seq_cst);
   }

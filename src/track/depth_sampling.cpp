@@ -9,10 +9,12 @@ namespace stillmap {
 
 namespace {
 
-/// Depth of the nearer surface in the 3x3 pixels around `pixel`; 0 where fewer than four of them have a reading.
+/// Depth of the nearer surface in the 3x3 pixels around `pixel`; 0 where fewer than four of them have a
+/// reading.
 double nearer_depth(ImageView<const std::uint16_t> depth, const CameraModel& camera, Vec2 pixel) {
   // Before rounding: a ray that nearly leaves the picture plane may be anywhere, or nowhere.
-  const bool inside = pixel.x >= 0.5 && pixel.y >= 0.5 && pixel.x < depth.width - 1.5 && pixel.y < depth.height - 1.5;
+  const bool inside =
+      pixel.x >= 0.5 && pixel.y >= 0.5 && pixel.x < depth.width - 1.5 && pixel.y < depth.height - 1.5;
   if (!inside) return 0;
   const int x = static_cast<int>(std::lround(pixel.x)), y = static_cast<int>(std::lround(pixel.y));
   std::array<double, 9> readings;
@@ -41,8 +43,8 @@ void sample_depth(ImageView<const std::uint16_t> depth, const CameraModel& camer
   const Pose T_colour_depth = inverse(T_depth_colour);
   for (Feature& f : features) {
     f.depth_m = 0;
-    // Where the ray points at the depth stamp: exact for the rotation, which dominates; the translation of a few
-    // milliseconds moves a pixel by a small part of one.
+    // Where the ray points at the depth stamp: exact for the rotation, which dominates; the translation of a
+    // few milliseconds moves a pixel by a small part of one.
     const Vec3 turned = T_depth_colour.R * Vec3{f.ray_x, f.ray_y, 1};
     if (turned.z <= 0) continue;
     const double z = nearer_depth(depth, camera, camera.project(turned));

@@ -26,7 +26,8 @@ Point gaussian_point(Random& random) {
 }  // namespace
 
 DescriptorPattern::DescriptorPattern() {
-  Random random(0x5711);  // part of the descriptor's definition: a new value makes saved descriptors unreadable
+  Random random(
+      0x5711);  // part of the descriptor's definition: a new value makes saved descriptors unreadable
   constexpr double kShortest = 4;  // a shorter pair compares nearly the same smoothed pixels
   for (std::size_t bit = 0; bit < kBits; ++bit) {
     Point a = gaussian_point(random), b = gaussian_point(random);

@@ -8,8 +8,8 @@ namespace stillmap {
 
 /// The point pairs that make a descriptor's bits, turned to every orientation beforehand.
 ///
-/// The pairs are drawn from a seeded generator as in BRIEF (Calonder et al., ECCV 2010, G II: both ends Gaussian
-/// around the centre), inside a circle of radius 13 px so that no turn leaves the patch.
+/// The pairs are drawn from a seeded generator as in BRIEF (Calonder et al., ECCV 2010, G II: both ends
+/// Gaussian around the centre), inside a circle of radius 13 px so that no turn leaves the patch.
 class DescriptorPattern {
  public:
   static constexpr int kBits = 256, kOrientations = 64, kRadius = 13;

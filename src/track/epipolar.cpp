@@ -16,8 +16,8 @@ namespace {
 constexpr std::size_t kFewest = 15;
 constexpr int kMostSamples = 200;
 constexpr double kMissProbability = 1e-3;  // of never drawing a sample without outliers
-// Where another matrix has this share of the best one's inliers, which of them is true is left to chance. Measured: on
-// one wall the other one has 0.99 and more, in a room and from 20 mm of motion on less than 0.9.
+// Where another matrix has this share of the best one's inliers, which of them is true is left to chance.
+// Measured: on one wall the other one has 0.99 and more, in a room and from 20 mm of motion on less than 0.9.
 constexpr double kAmbiguousShare = 0.95;
 using Correspondences = std::span<const Correspondence>;
 
@@ -56,7 +56,8 @@ Mat3 with_epipole(const Eigen::Matrix<double, 9, 1>& f, const Normalisation& n1,
   const Eigen::JacobiSVD<Eigen::Matrix3d> svd(F, Eigen::ComputeFullU | Eigen::ComputeFullV);
   Eigen::Vector3d singular = svd.singularValues();
   singular[2] = 0;  // every epipolar line meets the epipole
-  F = n2.matrix().transpose() * (svd.matrixU() * singular.asDiagonal() * svd.matrixV().transpose()) * n1.matrix();
+  F = n2.matrix().transpose() * (svd.matrixU() * singular.asDiagonal() * svd.matrixV().transpose()) *
+      n1.matrix();
   Mat3 result;
   for (int r = 0; r < 3; ++r) {
     for (int c = 0; c < 3; ++c) result(r, c) = F(r, c);
@@ -78,7 +79,8 @@ Solutions eight_point(Correspondences all, Use&& use) {
     A.noalias() += row * row.transpose();
   }
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 9, 9>> eigen(A);
-  return {with_epipole(eigen.eigenvectors().col(0), n1, n2), with_epipole(eigen.eigenvectors().col(1), n1, n2)};
+  return {with_epipole(eigen.eigenvectors().col(0), n1, n2),
+          with_epipole(eigen.eigenvectors().col(1), n1, n2)};
 }
 
 /// Eight different ones.
@@ -96,8 +98,9 @@ std::array<Correspondence, 8> draw(Correspondences all, Random& random) {
 }
 
 std::size_t agreeing(Correspondences all, const Mat3& F, double threshold_px) {
-  return static_cast<std::size_t>(std::count_if(
-      all.begin(), all.end(), [&](const Correspondence& c) { return epipolar_distance(F, c) < threshold_px; }));
+  return static_cast<std::size_t>(std::count_if(all.begin(), all.end(), [&](const Correspondence& c) {
+    return epipolar_distance(F, c) < threshold_px;
+  }));
 }
 
 /// How many samples it takes until one without outliers is among them.
@@ -117,13 +120,15 @@ double epipolar_distance(const Mat3& F, Correspondence c) {
   return std::abs(dot(line, {c.second.x, c.second.y, 1})) / length;
 }
 
-std::optional<Mat3> fundamental_by_ransac(Correspondences correspondences, double threshold_px, Random random) {
+std::optional<Mat3> fundamental_by_ransac(Correspondences correspondences, double threshold_px,
+                                          Random random) {
   if (correspondences.size() < kFewest) return std::nullopt;
   std::size_t best_inliers = 0;
   Mat3 best;
   int samples = kMostSamples;
   for (int drawn = 0; drawn < samples; ++drawn) {
-    const Mat3 candidate = eight_point(draw(correspondences, random), [](const Correspondence&) { return true; }).best;
+    const Mat3 candidate =
+        eight_point(draw(correspondences, random), [](const Correspondence&) { return true; }).best;
     const std::size_t inliers = agreeing(correspondences, candidate, threshold_px);
     if (inliers <= best_inliers) continue;
     best_inliers = inliers;

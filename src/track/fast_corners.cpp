@@ -10,8 +10,22 @@ namespace stillmap {
 namespace {
 
 /// The Bresenham circle of radius 3, clockwise from the top.
-constexpr std::array<std::array<int, 2>, 16> kCircle{{{0, -3}, {1, -3}, {2, -2}, {3, -1}, {3, 0}, {3, 1}, {2, 2}, {1, 3},
-                                                      {0, 3}, {-1, 3}, {-2, 2}, {-3, 1}, {-3, 0}, {-3, -1}, {-2, -2}, {-1, -3}}};
+constexpr std::array<std::array<int, 2>, 16> kCircle{{{0, -3},
+                                                      {1, -3},
+                                                      {2, -2},
+                                                      {3, -1},
+                                                      {3, 0},
+                                                      {3, 1},
+                                                      {2, 2},
+                                                      {1, 3},
+                                                      {0, 3},
+                                                      {-1, 3},
+                                                      {-2, 2},
+                                                      {-3, 1},
+                                                      {-3, 0},
+                                                      {-3, -1},
+                                                      {-2, -2},
+                                                      {-1, -3}}};
 using Offsets = std::array<std::ptrdiff_t, 16>;
 
 // Sixteen pixels at once, portably: GCC and Clang turn this into SSE or NEON.
@@ -23,16 +37,20 @@ U8x16 load(const std::uint8_t* p) {
   return v;
 }
 
-U8x16 smaller(U8x16 a, U8x16 b) { return a < b ? a : b; }
-U8x16 larger(U8x16 a, U8x16 b) { return a > b ? a : b; }
+U8x16 smaller(U8x16 a, U8x16 b) {
+  return a < b ? a : b;
+}
+U8x16 larger(U8x16 a, U8x16 b) {
+  return a > b ? a : b;
+}
 bool any(U8x16 v) {
   std::array<std::uint64_t, 2> halves;
   std::memcpy(halves.data(), &v, sizeof halves);
   return (halves[0] | halves[1]) != 0;
 }
 
-/// Of every nine in a row around the circle the least difference counts, and of all sixteen rows the largest: the
-/// contrast up to which a pixel is a corner. Rows of nine are made from rows of two, four and eight.
+/// Of every nine in a row around the circle the least difference counts, and of all sixteen rows the largest:
+/// the contrast up to which a pixel is a corner. Rows of nine are made from rows of two, four and eight.
 U8x16 strongest_row(const std::array<U8x16, 16>& d) {
   std::array<U8x16, 16> two, four;
   for (std::size_t i = 0; i < 16; ++i) two[i] = smaller(d[i], d[(i + 1) % 16]);
@@ -67,12 +85,14 @@ U8x16 corner_contrast(const std::uint8_t* p, const Offsets& o, std::uint8_t thre
 
 }  // namespace
 
-void fast_corners(ImageView<const std::uint8_t> image, int x0, int y0, int x1, int y1, int threshold, CellCorners& out) {
+void fast_corners(ImageView<const std::uint8_t> image, int x0, int y0, int x1, int y1, int threshold,
+                  CellCorners& out) {
   Offsets offsets;
   for (std::size_t i = 0; i < 16; ++i) offsets[i] = kCircle[i][1] * image.stride + kCircle[i][0];
   constexpr int kMaxWidth = 128;
   STILLMAP_CHECK(x1 - x0 <= kMaxWidth);
-  // Scores of three rows, with a border of zeros: suppression looks at the row above once the one below is known.
+  // Scores of three rows, with a border of zeros: suppression looks at the row above once the one below is
+  // known.
   std::array<std::array<std::uint8_t, kMaxWidth + 2>, 3> scores{};
   std::array<bool, 3> row_has_corner{};
   for (int y = y0; y <= y1; ++y) {
@@ -81,7 +101,8 @@ void fast_corners(ImageView<const std::uint8_t> image, int x0, int y0, int x1, i
     row_scores.fill(0);
     row_any = false;
     for (int x = x0; y < y1 && x < x1; x += 16) {
-      // The last group may look at pixels beyond x1: inside the picture's rows, and their verdict is not used.
+      // The last group may look at pixels beyond x1: inside the picture's rows, and their verdict is not
+      // used.
       const std::uint8_t* p = image.row(y) + x;
       const U8x16 contrast = corner_contrast(p, offsets, static_cast<std::uint8_t>(threshold));
       if (!any(contrast)) continue;
@@ -98,9 +119,10 @@ void fast_corners(ImageView<const std::uint8_t> image, int x0, int y0, int x1, i
     for (int x = x0; x < x1; ++x) {
       const auto i = static_cast<std::size_t>(x - x0 + 1);
       const std::uint8_t s = here[i];
-      // Strictly above the earlier neighbours and not below the later ones: of two equal neighbours one stays.
-      if (s == 0 || s <= above[i - 1] || s <= above[i] || s <= above[i + 1] || s <= here[i - 1] || s < here[i + 1] ||
-          s < row_scores[i - 1] || s < row_scores[i] || s < row_scores[i + 1]) {
+      // Strictly above the earlier neighbours and not below the later ones: of two equal neighbours one
+      // stays.
+      if (s == 0 || s <= above[i - 1] || s <= above[i] || s <= above[i + 1] || s <= here[i - 1] ||
+          s < here[i + 1] || s < row_scores[i - 1] || s < row_scores[i] || s < row_scores[i + 1]) {
         continue;
       }
       if (!out.try_push_back({static_cast<std::int16_t>(x), static_cast<std::int16_t>(y - 1), s})) return;

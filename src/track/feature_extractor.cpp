@@ -81,7 +81,8 @@ void FeatureExtractor::collect_corners(int level, int columns, int rows, int cel
   for (int row = 0; row < rows; ++row) {
     for (int column = 0; column < columns; ++column) {
       const int x0 = kMargin + column * cell_px, y0 = kMargin + row * cell_px;
-      const int x1 = std::min(x0 + cell_px, image.width - kMargin), y1 = std::min(y0 + cell_px, image.height - kMargin);
+      const int x1 = std::min(x0 + cell_px, image.width - kMargin),
+                y1 = std::min(y0 + cell_px, image.height - kMargin);
       if (x1 <= x0 || y1 <= y0) continue;
       cell_.clear();
       fast_corners(image, x0, y0, x1, y1, config_.fast_threshold, cell_);
@@ -102,7 +103,8 @@ void FeatureExtractor::extract_level(int level, std::size_t wanted, FrameFeature
   const int rows = (image.height - 2 * kMargin + kCellPx - 1) / kCellPx;
   ranked_.clear();
   collect_corners(level, columns, rows, kCellPx);
-  // First the best of every cell, then every second best, ...: even over the picture, and of one rank the strongest.
+  // First the best of every cell, then every second best, ...: even over the picture, and of one rank the
+  // strongest.
   if (ranked_.size() > wanted) {
     const auto stronger = [](const Ranked& a, const Ranked& b) {
       if (a.rank != b.rank) return a.rank < b.rank;
@@ -122,7 +124,8 @@ void FeatureExtractor::extract_level(int level, std::size_t wanted, FrameFeature
 
 Feature FeatureExtractor::feature_at(int level, Corner corner) const {
   const ImageView<const std::uint8_t> image = pyramid_.image(level);
-  // The same mapping of pixel centres as the resampling, with each level's true ratio after rounding its size.
+  // The same mapping of pixel centres as the resampling, with each level's true ratio after rounding its
+  // size.
   const double x = (corner.x + 0.5) * camera_.width / image.width - 0.5;
   const double y = (corner.y + 0.5) * camera_.height / image.height - 0.5;
   const Vec2 ray = camera_.undistort({x, y});

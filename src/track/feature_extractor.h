@@ -29,9 +29,9 @@ struct FrameFeatures {
   }
 };
 
-/// Corners spread evenly over picture and pyramid, with orientation (intensity centroid; Rublee et al., ICCV 2011),
-/// a 256-bit descriptor of their smoothed surroundings, and their undistorted ray. Depth and label are left open.
-/// Used by one thread; no heap after construction.
+/// Corners spread evenly over picture and pyramid, with orientation (intensity centroid; Rublee et al., ICCV
+/// 2011), a 256-bit descriptor of their smoothed surroundings, and their undistorted ray. Depth and label are
+/// left open. Used by one thread; no heap after construction.
 class FeatureExtractor {
  public:
   FeatureExtractor(Arena& arena, const Config::Track& config, const CameraModel& camera);

@@ -24,9 +24,11 @@ class FeatureGrid {
     features_ = features;
     starts_.fill(0);
     for (const Feature& f : features) ++starts_[cell_of(f) + 1];
-    for (std::size_t i = 1; i < starts_.size(); ++i) starts_[i] = static_cast<std::uint16_t>(starts_[i] + starts_[i - 1]);
+    for (std::size_t i = 1; i < starts_.size(); ++i)
+      starts_[i] = static_cast<std::uint16_t>(starts_[i] + starts_[i - 1]);
     auto next = starts_;
-    for (std::size_t i = 0; i < features.size(); ++i) items_[next[cell_of(features[i])]++] = static_cast<std::uint16_t>(i);
+    for (std::size_t i = 0; i < features.size(); ++i)
+      items_[next[cell_of(features[i])]++] = static_cast<std::uint16_t>(i);
   }
 
   double u_of(const Feature& f) const { return camera_.fx * f.ray_x + camera_.cx; }
@@ -52,8 +54,12 @@ class FeatureGrid {
  private:
   static constexpr int kColumns = 40, kRows = 30;
   // Undistorting may move a corner of the picture outside of it; the outermost cells take what lies beyond.
-  int column_of(double u) const { return static_cast<int>(std::clamp(u * kColumns / camera_.width, 0.0, kColumns - 1.0)); }
-  int row_of(double v) const { return static_cast<int>(std::clamp(v * kRows / camera_.height, 0.0, kRows - 1.0)); }
+  int column_of(double u) const {
+    return static_cast<int>(std::clamp(u * kColumns / camera_.width, 0.0, kColumns - 1.0));
+  }
+  int row_of(double v) const {
+    return static_cast<int>(std::clamp(v * kRows / camera_.height, 0.0, kRows - 1.0));
+  }
   std::size_t cell_of(const Feature& f) const {
     return static_cast<std::size_t>(row_of(v_of(f)) * kColumns + column_of(u_of(f)));
   }

@@ -24,9 +24,9 @@ void LocalMap::clear() {
 
 std::size_t LocalMap::slot_to_reuse() const {
   // The point that was found longest ago says least about where the camera is now.
-  const auto oldest = std::min_element(points_.begin(), points_.end(), [](const MapPoint& a, const MapPoint& b) {
-    return a.last_found_sequence < b.last_found_sequence;
-  });
+  const auto oldest = std::min_element(
+      points_.begin(), points_.end(),
+      [](const MapPoint& a, const MapPoint& b) { return a.last_found_sequence < b.last_found_sequence; });
   return static_cast<std::size_t>(oldest - points_.begin());
 }
 
@@ -63,8 +63,8 @@ int LocalMap::living_points(const Keyframe& keyframe) {
 }
 
 std::size_t LocalMap::keyframe_to_reuse() const {
-  // The one whose view its neighbours repeat best: nearest to another keyframe in place and direction. The newest
-  // three are what tracking stands on and stay.
+  // The one whose view its neighbours repeat best: nearest to another keyframe in place and direction. The
+  // newest three are what tracking stands on and stay.
   const auto newest = std::max_element(keyframes_.begin(), keyframes_.end(),
                                        [](const Keyframe& a, const Keyframe& b) { return a.id < b.id; });
   double smallest = std::numeric_limits<double>::max();
@@ -93,7 +93,8 @@ Keyframe& LocalMap::add_keyframe() {
   free->alive = true;
   free->id = next_keyframe_id_++;
   free->features.clear();
-  const auto used = std::count_if(keyframes_.begin(), keyframes_.end(), [](const Keyframe& k) { return k.alive; });
+  const auto used =
+      std::count_if(keyframes_.begin(), keyframes_.end(), [](const Keyframe& k) { return k.alive; });
   keyframes_high_water_ = std::max(keyframes_high_water_, static_cast<std::uint64_t>(used));
   return *free;
 }

@@ -77,7 +77,9 @@ class LocalMap {
   int living_points(const Keyframe& keyframe);
   void clear();
   PoolUsage point_usage() const { return {"points", points_.size(), points_high_water_, points_refused_}; }
-  PoolUsage keyframe_usage() const { return {"keyframes", keyframes_.size(), keyframes_high_water_, keyframes_evicted_}; }
+  PoolUsage keyframe_usage() const {
+    return {"keyframes", keyframes_.size(), keyframes_high_water_, keyframes_evicted_};
+  }
 
  private:
   std::size_t slot_to_reuse() const;
@@ -88,7 +90,8 @@ class LocalMap {
   std::size_t free_count_ = 0;
   std::span<Keyframe> keyframes_;
   std::uint32_t next_point_id_ = 1, next_keyframe_id_ = 1;
-  std::uint64_t points_high_water_ = 0, points_refused_ = 0, keyframes_high_water_ = 0, keyframes_evicted_ = 0;
+  std::uint64_t points_high_water_ = 0, points_refused_ = 0, keyframes_high_water_ = 0,
+                keyframes_evicted_ = 0;
 };
 
 }  // namespace stillmap

@@ -10,7 +10,8 @@ namespace stillmap {
 
 namespace {
 
-// What the pose itself adds to a point's error. Keeps hundreds of repeated looks from making a point seem certain.
+// What the pose itself adds to a point's error. Keeps hundreds of repeated looks from making a point seem
+// certain.
 constexpr double kPoseSigma_m = 0.004;
 constexpr std::uint16_t kSettledAfter = 40;  // measurements after which a point keeps its place
 
@@ -20,12 +21,16 @@ Eigen::Matrix3d unpacked(const std::array<double, 6>& i) {
   return m;
 }
 
-std::array<double, 6> packed(const Eigen::Matrix3d& m) { return {m(0, 0), m(0, 1), m(0, 2), m(1, 1), m(1, 2), m(2, 2)}; }
+std::array<double, 6> packed(const Eigen::Matrix3d& m) {
+  return {m(0, 0), m(0, 1), m(0, 2), m(1, 1), m(1, 2), m(2, 2)};
+}
 
 /// Information of one measurement: sharp across the ray, and along it as sharp as the depth sensor.
-Eigen::Matrix3d measurement_information(const Feature& f, const Pose& T_odom_camera, const CameraModel& camera, double scale) {
+Eigen::Matrix3d measurement_information(const Feature& f, const Pose& T_odom_camera,
+                                        const CameraModel& camera, double scale) {
   const double lateral = f.depth_m * scale / camera.fx, depth = camera.depth_sigma_m(f.depth_m);
-  const double a = 1 / (lateral * lateral + kPoseSigma_m * kPoseSigma_m), b = 1 / (depth * depth + kPoseSigma_m * kPoseSigma_m);
+  const double a = 1 / (lateral * lateral + kPoseSigma_m * kPoseSigma_m),
+               b = 1 / (depth * depth + kPoseSigma_m * kPoseSigma_m);
   const Vec3 ray = T_odom_camera.R * Vec3{f.ray_x, f.ray_y, 1};
   const Eigen::Vector3d r = Eigen::Vector3d(ray.x, ray.y, ray.z).normalized();
   return a * Eigen::Matrix3d::Identity() + (b - a) * r * r.transpose();
@@ -45,15 +50,18 @@ double variance_along(const MapPoint& point, Vec3 direction) {
 
 bool MapBuilder::enters_map(const Feature& feature) const {
   if (feature.depth_m <= 0) return false;
-  // Beyond the paper: what may move enters too, on probation. Someone who sits still is worth as much as a wall.
+  // Beyond the paper: what may move enters too, on probation. Someone who sits still is worth as much as a
+  // wall.
   return feature.label == Label::Static || config_.dynamic_rule == DynamicRule::Silhouette;
 }
 
-MapPoint MapBuilder::new_point(const PosedFeatures& posed, std::size_t feature, const FeatureExtractor& extractor) const {
+MapPoint MapBuilder::new_point(const PosedFeatures& posed, std::size_t feature,
+                               const FeatureExtractor& extractor) const {
   const Feature& f = posed.frame.features[feature];
   MapPoint point;
   point.p_odom = measured_position(f, posed.T_odom_camera);
-  point.information = packed(measurement_information(f, posed.T_odom_camera, camera_, extractor.scale(f.octave)));
+  point.information =
+      packed(measurement_information(f, posed.T_odom_camera, camera_, extractor.scale(f.octave)));
   const Vec3 to_camera = posed.T_odom_camera.t - point.p_odom;
   point.reference_distance_m = norm(to_camera);
   point.view_direction = 1 / point.reference_distance_m * to_camera;
@@ -65,7 +73,8 @@ MapPoint MapBuilder::new_point(const PosedFeatures& posed, std::size_t feature, 
   return point;
 }
 
-Keyframe& MapBuilder::insert_keyframe(LocalMap& map, const PosedFeatures& posed, const FeatureExtractor& extractor) const {
+Keyframe& MapBuilder::insert_keyframe(LocalMap& map, const PosedFeatures& posed,
+                                      const FeatureExtractor& extractor) const {
   Keyframe& keyframe = map.add_keyframe();
   keyframe.sequence = posed.sequence;
   keyframe.stamp_ns = posed.stamp_ns;
@@ -102,7 +111,8 @@ Keyframe& MapBuilder::insert_keyframe(LocalMap& map, const PosedFeatures& posed,
   return keyframe;
 }
 
-void MapBuilder::refine_points(LocalMap& map, const PosedFeatures& posed, const FeatureExtractor& extractor) const {
+void MapBuilder::refine_points(LocalMap& map, const PosedFeatures& posed,
+                               const FeatureExtractor& extractor) const {
   for (std::size_t i = 0; i < posed.frame.features.size(); ++i) {
     if (posed.inliers[i].slot < 0) continue;
     MapPoint& point = map.points()[static_cast<std::size_t>(posed.inliers[i].slot)];
@@ -110,7 +120,8 @@ void MapBuilder::refine_points(LocalMap& map, const PosedFeatures& posed, const 
     point.last_found_sequence = posed.sequence;
     const Feature& f = posed.frame.features[i];
     if (f.depth_m <= 0 || point.found > kSettledAfter) continue;
-    const Eigen::Matrix3d measured = measurement_information(f, posed.T_odom_camera, camera_, extractor.scale(f.octave));
+    const Eigen::Matrix3d measured =
+        measurement_information(f, posed.T_odom_camera, camera_, extractor.scale(f.octave));
     const Eigen::Matrix3d sum = unpacked(point.information) + measured;
     const Vec3 offset = measured_position(f, posed.T_odom_camera) - point.p_odom;
     const Eigen::Vector3d step = sum.inverse() * (measured * Eigen::Vector3d(offset.x, offset.y, offset.z));

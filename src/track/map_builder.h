@@ -27,7 +27,8 @@ class MapBuilder {
   MapBuilder(const Config::Track& config, const CameraModel& camera) : config_(config), camera_(camera) {}
 
   /// Makes the frame a keyframe, with new points for static features that have depth and no point.
-  Keyframe& insert_keyframe(LocalMap& map, const PosedFeatures& posed, const FeatureExtractor& extractor) const;
+  Keyframe& insert_keyframe(LocalMap& map, const PosedFeatures& posed,
+                            const FeatureExtractor& extractor) const;
   /// Takes each inlier's measurement into its point: the mean weighted by information.
   void refine_points(LocalMap& map, const PosedFeatures& posed, const FeatureExtractor& extractor) const;
   /// Removes points that are rarely found where they should be seen.
@@ -35,7 +36,8 @@ class MapBuilder {
 
  private:
   bool enters_map(const Feature& feature) const;
-  MapPoint new_point(const PosedFeatures& posed, std::size_t feature, const FeatureExtractor& extractor) const;
+  MapPoint new_point(const PosedFeatures& posed, std::size_t feature,
+                     const FeatureExtractor& extractor) const;
   Config::Track config_;
   CameraModel camera_;
 };

@@ -8,15 +8,15 @@ namespace stillmap {
 
 namespace {
 
-constexpr double kSearchPx = 36;      // a quick walk at arm's length, over three frames
+constexpr double kSearchPx = 36;  // a quick walk at arm's length, over three frames
 constexpr int kMaxDistance = 56;
 constexpr double kDistanceRatio = 0.85;
-constexpr double kStillPx = 4;        // at octave 0
+constexpr double kStillPx = 4;  // at octave 0
 constexpr double kNeighbourPx = 45;
 constexpr double kNeighbourDepthShare = 0.08;
 constexpr Nanoseconds kLongestSpan_ns = 150'000'000;  // over more, a camera that steps finds nothing again
-constexpr double kCrowded = 0.15;     // of all verdicts
-constexpr double kMostMoving = 0.7;   // of all verdicts; more is no mover but a wrong pose
+constexpr double kCrowded = 0.15;                     // of all verdicts
+constexpr double kMostMoving = 0.7;                   // of all verdicts; more is no mover but a wrong pose
 
 }  // namespace
 
@@ -28,8 +28,9 @@ MotionCheck::MotionCheck(Arena& arena, const CameraModel& camera, std::size_t fe
       grid_(arena, feature_capacity, camera),
       verdicts_(arena.take<Verdict>("motion_check.verdicts", feature_capacity)) {}
 
-MotionCheck::Verdict MotionCheck::verdict_of(const Feature& feature, const Descriptor& descriptor, const Past& past,
-                                             const Pose& T_past_current, const FeatureExtractor& extractor) const {
+MotionCheck::Verdict MotionCheck::verdict_of(const Feature& feature, const Descriptor& descriptor,
+                                             const Past& past, const Pose& T_past_current,
+                                             const FeatureExtractor& extractor) const {
   const double z = feature.depth_m;
   const Vec3 p = T_past_current * Vec3{feature.ray_x * z, feature.ray_y * z, z};
   if (p.z < 0.1) return Verdict::Unknown;
@@ -67,7 +68,7 @@ bool MotionCheck::neighbours_move(const FrameFeatures& frame, std::size_t featur
 }
 
 void MotionCheck::relabel(FrameFeatures& frame, std::span<const FeatureMatch> inliers, Nanoseconds stamp_ns,
-                         const Pose& T_odom_camera, const FeatureExtractor& extractor) {
+                          const Pose& T_odom_camera, const FeatureExtractor& extractor) {
   if (count_ < kFrames || stamp_ns - past_[next_].stamp_ns > kLongestSpan_ns) return;
   const Past& past = past_[next_];  // the oldest of them
   const Pose T_past_current = inverse(past.T_odom_camera) * T_odom_camera;

@@ -13,18 +13,19 @@
 
 namespace stillmap {
 
-/// Finds features that move against the still world by geometry alone: movers whose class no network knows, people
-/// that it misses, and every mover when there is no model.
+/// Finds features that move against the still world by geometry alone: movers whose class no network knows,
+/// people that it misses, and every mover when there is no model.
 ///
-/// Each feature with depth is looked for where it was some frames ago, had it stood still; when it is found elsewhere
-/// by more than its uncertainty, it moves. Single verdicts are noisy, so neighbours in the picture and in depth vote.
-/// Keeps the last frames. Used by one thread; no heap after construction.
+/// Each feature with depth is looked for where it was some frames ago, had it stood still; when it is found
+/// elsewhere by more than its uncertainty, it moves. Single verdicts are noisy, so neighbours in the picture
+/// and in depth vote. Keeps the last frames. Used by one thread; no heap after construction.
 class MotionCheck {
  public:
   MotionCheck(Arena& arena, const CameraModel& camera, std::size_t feature_capacity);
 
-  /// Relabels Static features that move as Dynamic. Features that stand on a map point (`inliers`) are still by that.
-  /// When most features would move, it may as well be the pose that is wrong: what is not on a point is Unknown then.
+  /// Relabels Static features that move as Dynamic. Features that stand on a map point (`inliers`) are still
+  /// by that. When most features would move, it may as well be the pose that is wrong: what is not on a point
+  /// is Unknown then.
   void relabel(FrameFeatures& frame, std::span<const FeatureMatch> inliers, Nanoseconds stamp_ns,
                const Pose& T_odom_camera, const FeatureExtractor& extractor);
   /// Keeps the frame for later ones.
@@ -40,8 +41,8 @@ class MotionCheck {
     Nanoseconds stamp_ns = 0;
     Pose T_odom_camera{};
   };
-  Verdict verdict_of(const Feature& feature, const Descriptor& descriptor, const Past& past, const Pose& T_past_current,
-                     const FeatureExtractor& extractor) const;
+  Verdict verdict_of(const Feature& feature, const Descriptor& descriptor, const Past& past,
+                     const Pose& T_past_current, const FeatureExtractor& extractor) const;
   bool neighbours_move(const FrameFeatures& frame, std::size_t feature) const;
 
   static constexpr std::size_t kFrames = 3;

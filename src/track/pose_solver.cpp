@@ -36,7 +36,9 @@ Residual residual_of(const PoseObservation& o, const CameraModel& camera, const 
   return r;
 }
 
-double limit_of(const PoseObservation& o) { return o.depth_m > 0 ? kChi2ThreeDof : kChi2TwoDof; }
+double limit_of(const PoseObservation& o) {
+  return o.depth_m > 0 ? kChi2ThreeDof : kChi2TwoDof;
+}
 
 /// Derivative of one whitened residual row by the left perturbation, from its derivative by the point:
 /// p -> p + w x p + v, so d/dw = p x g and d/dv = g.

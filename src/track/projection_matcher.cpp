@@ -9,10 +9,14 @@ namespace stillmap {
 namespace {
 
 constexpr double kNearest_m = 0.1;
-constexpr double kSteepest = 0.5;        // cosine of the largest turn of a surface at which its corner looks the same
-constexpr double kDistanceRatio = 0.85;  // the best match must be this much better than the next of its octave
+constexpr double kSteepest =
+    0.5;  // cosine of the largest turn of a surface at which its corner looks the same
+constexpr double kDistanceRatio =
+    0.85;  // the best match must be this much better than the next of its octave
 
-bool usable(Label label) { return label == Label::Static || label == Label::SemiStatic; }
+bool usable(Label label) {
+  return label == Label::Static || label == Label::SemiStatic;
+}
 
 }  // namespace
 
@@ -38,10 +42,12 @@ void ProjectionMatcher::project(const LocalMap& map, const Pose& T_camera_odom) 
     const Vec3 to_camera = camera_centre - point.p_odom;
     const double distance = norm(to_camera);
     if (dot(to_camera, point.view_direction) < kSteepest * distance) continue;
-    const double octave = point.reference_octave + std::log(point.reference_distance_m / distance) / log_scale_;
+    const double octave =
+        point.reference_octave + std::log(point.reference_distance_m / distance) / log_scale_;
     if (octave < -1 || octave > levels_) continue;
     static_cast<void>(candidates_.try_push_back(
-        {static_cast<std::int32_t>(i), std::clamp(static_cast<int>(std::lround(octave)), 0, levels_ - 1), u, v, p.z}));
+        {static_cast<std::int32_t>(i), std::clamp(static_cast<int>(std::lround(octave)), 0, levels_ - 1), u,
+         v, p.z}));
   }
 }
 
@@ -84,7 +90,8 @@ int ProjectionMatcher::match(const LocalMap& map, const FrameFeatures& frame, co
 void ProjectionMatcher::count_visible(LocalMap& map, ImageView<const std::uint16_t> depth) const {
   constexpr double kNearerShare = 0.05;
   for (const Candidate& c : candidates_) {
-    const Vec2 pixel = camera_.project({(c.u - camera_.cx) / camera_.fx * c.z, (c.v - camera_.cy) / camera_.fy * c.z, c.z});
+    const Vec2 pixel =
+        camera_.project({(c.u - camera_.cx) / camera_.fx * c.z, (c.v - camera_.cy) / camera_.fy * c.z, c.z});
     const int x = static_cast<int>(std::lround(pixel.x)), y = static_cast<int>(std::lround(pixel.y));
     if (!depth.contains(x, y)) continue;
     const double measured = camera_.depth_m(depth.at(x, y));

@@ -21,10 +21,10 @@ struct FeatureMatch {
 
 /// How wide a search is.
 struct SearchWindow {
-  double radius_px = 8;         ///< at octave 0; grows with the octave's scale
-  int max_distance = 64;        ///< Hamming, of 256
-  bool any_label = false;       ///< match Dynamic and Unknown features too
-  double depth_share = 0.1;     ///< a feature whose depth differs by more than this share of it is another thing
+  double radius_px = 8;      ///< at octave 0; grows with the octave's scale
+  int max_distance = 64;     ///< Hamming, of 256
+  bool any_label = false;    ///< match Dynamic and Unknown features too
+  double depth_share = 0.1;  ///< a feature whose depth differs by more than this share of it is another thing
 };
 
 /// Finds map points in a frame by projecting them with a predicted pose. Used by one thread; no heap after
@@ -33,13 +33,14 @@ class ProjectionMatcher {
  public:
   ProjectionMatcher(Arena& arena, const Config::Track& config, const CameraModel& camera);
 
-  /// Projects every living point with `T_camera_odom` and keeps what falls into the picture at an octave and angle
-  /// at which it can be recognised. Call before `match`.
+  /// Projects every living point with `T_camera_odom` and keeps what falls into the picture at an octave and
+  /// angle at which it can be recognised. Call before `match`.
   void project(const LocalMap& map, const Pose& T_camera_odom);
   /// Matches what `project` kept to features that may be used (Static, SemiStatic). A feature takes the
   /// point nearest in descriptor. Returns the number of matches; `matches` has one entry per feature.
-  int match(const LocalMap& map, const FrameFeatures& frame, const FeatureGrid& grid, const SearchWindow& window,
-            const FeatureExtractor& extractor, std::span<FeatureMatch> matches) const;
+  int match(const LocalMap& map, const FrameFeatures& frame, const FeatureGrid& grid,
+            const SearchWindow& window, const FeatureExtractor& extractor,
+            std::span<FeatureMatch> matches) const;
   /// Counts, for every point that `project` kept and nothing nearer hides, that it should have been seen.
   void count_visible(LocalMap& map, ImageView<const std::uint16_t> depth) const;
 

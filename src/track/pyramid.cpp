@@ -8,8 +8,8 @@ namespace stillmap {
 
 namespace {
 
-/// Where a target pixel centre falls in the source: index of the left neighbour and the weight of the right one
-/// in 1/128.
+/// Where a target pixel centre falls in the source: index of the left neighbour and the weight of the right
+/// one in 1/128.
 std::uint32_t source_of(int target, double ratio, int source_size) {
   const double position = std::clamp((target + 0.5) * ratio - 0.5, 0.0, source_size - 1.001);
   const auto left = static_cast<std::uint32_t>(position);
@@ -43,20 +43,24 @@ constexpr std::array<unsigned, 4> kTaps{54, 49, 34, 18};  // as exp(-x^2 / 8), r
 static_assert(kTaps[0] + 2 * (kTaps[1] + kTaps[2] + kTaps[3]) == 256);
 
 /// One pass of the filter; every sum fits 16 bits, which is what makes it quick in vector units.
-std::uint8_t weighted(unsigned m3, unsigned m2, unsigned m1, unsigned c, unsigned p1, unsigned p2, unsigned p3) {
-  const auto sum = static_cast<std::uint16_t>(c * kTaps[0] + (m1 + p1) * kTaps[1] + (m2 + p2) * kTaps[2] + (m3 + p3) * kTaps[3] + 128);
+std::uint8_t weighted(unsigned m3, unsigned m2, unsigned m1, unsigned c, unsigned p1, unsigned p2,
+                      unsigned p3) {
+  const auto sum = static_cast<std::uint16_t>(c * kTaps[0] + (m1 + p1) * kTaps[1] + (m2 + p2) * kTaps[2] +
+                                              (m3 + p3) * kTaps[3] + 128);
   return static_cast<std::uint8_t>(sum >> 8);
 }
 
-void smooth_level(ImageView<const std::uint8_t> from, ImageView<std::uint8_t> to, std::span<std::uint8_t> row) {
+void smooth_level(ImageView<const std::uint8_t> from, ImageView<std::uint8_t> to,
+                  std::span<std::uint8_t> row) {
   std::uint8_t* column = row.data();
   for (int y = 3; y < from.height - 3; ++y) {
-    const std::uint8_t *a = from.row(y - 3), *b = from.row(y - 2), *c = from.row(y - 1), *d = from.row(y), *e = from.row(y + 1),
-                       *f = from.row(y + 2), *g = from.row(y + 3);
+    const std::uint8_t *a = from.row(y - 3), *b = from.row(y - 2), *c = from.row(y - 1), *d = from.row(y),
+                       *e = from.row(y + 1), *f = from.row(y + 2), *g = from.row(y + 3);
     for (int x = 0; x < from.width; ++x) column[x] = weighted(a[x], b[x], c[x], d[x], e[x], f[x], g[x]);
     std::uint8_t* out = to.row(y);
     for (int x = 3; x < from.width - 3; ++x) {
-      out[x] = weighted(column[x - 3], column[x - 2], column[x - 1], column[x], column[x + 1], column[x + 2], column[x + 3]);
+      out[x] = weighted(column[x - 3], column[x - 2], column[x - 1], column[x], column[x + 1], column[x + 2],
+                        column[x + 3]);
     }
   }
 }
@@ -68,7 +72,8 @@ Pyramid::Pyramid(Arena& arena, int width, int height, int levels, double scale_f
   for (int level = 0; level < levels; ++level, scale *= scale_factor) {
     const auto l = static_cast<std::size_t>(level);
     scales_[l] = scale;
-    const int w = static_cast<int>(std::lround(width / scale)), h = static_cast<int>(std::lround(height / scale));
+    const int w = static_cast<int>(std::lround(width / scale)),
+              h = static_cast<int>(std::lround(height / scale));
     const auto pixels = static_cast<std::size_t>(w) * static_cast<std::size_t>(h);
     if (level > 0) resampled_[l] = {arena.take<std::uint8_t>("pyramid.level", pixels).data(), w, h, w};
     smooth_[l] = {arena.take<std::uint8_t>("pyramid.smooth", pixels).data(), w, h, w};

@@ -9,14 +9,15 @@
 
 namespace stillmap {
 
-/// A grey picture at falling resolutions, each level also smoothed for descriptors. Memory from the arena; `build`
-/// takes nothing from the heap.
+/// A grey picture at falling resolutions, each level also smoothed for descriptors. Memory from the arena;
+/// `build` takes nothing from the heap.
 class Pyramid {
  public:
   static constexpr int kMaxLevels = 8;
 
   Pyramid(Arena& arena, int width, int height, int levels, double scale_factor);
-  /// Level 0 is a view of `grey`, which must outlive the use of this pyramid; the others are resampled from it.
+  /// Level 0 is a view of `grey`, which must outlive the use of this pyramid; the others are resampled from
+  /// it.
   void build(ImageView<const std::uint8_t> grey);
 
   int levels() const { return levels_; }
@@ -33,7 +34,8 @@ class Pyramid {
   std::array<ImageView<std::uint8_t>, kMaxLevels> resampled_{}, smooth_{};
   std::span<std::uint16_t> row_;        // one row between the two passes of resampling
   std::span<std::uint8_t> smooth_row_;  // and of smoothing
-  std::span<std::uint32_t> columns_;  // per target column: source column << 8 | weight of the next one (0..128)
+  std::span<std::uint32_t>
+      columns_;  // per target column: source column << 8 | weight of the next one (0..128)
 };
 
 }  // namespace stillmap

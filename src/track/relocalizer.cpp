@@ -40,7 +40,8 @@ std::optional<Pose> absolute_orientation(std::span<const Vec3> from, std::span<c
       S(0, 1) - S(1, 0), S(2, 0) + S(0, 2), S(1, 2) + S(2, 1), -S(0, 0) - S(1, 1) + S(2, 2);
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d> eigen(N);
   // Two equal largest eigenvalues: the rotation is not determined (points in a line or in one place).
-  if (eigen.eigenvalues()[3] - eigen.eigenvalues()[2] < 1e-9 * std::abs(eigen.eigenvalues()[3]) + 1e-15) return std::nullopt;
+  if (eigen.eigenvalues()[3] - eigen.eigenvalues()[2] < 1e-9 * std::abs(eigen.eigenvalues()[3]) + 1e-15)
+    return std::nullopt;
   const Eigen::Vector4d q = eigen.eigenvectors().col(3);
   const Mat3 R = rotation_from({q[0], q[1], q[2], q[3]});
   return Pose{R, mean_to - R * mean_from};
@@ -92,10 +93,12 @@ int Relocalizer::count_inliers(const Pose& T_camera_odom, const FrameFeatures& f
   return inliers;
 }
 
-std::optional<Pose> Relocalizer::relocalize(LocalMap& map, const Keyframe& keyframe, const FrameFeatures& frame,
-                                            const FeatureExtractor& extractor, Random random) {
+std::optional<Pose> Relocalizer::relocalize(LocalMap& map, const Keyframe& keyframe,
+                                            const FrameFeatures& frame, const FeatureExtractor& extractor,
+                                            Random random) {
   find_pairs(map, keyframe, frame);
-  const auto with_depth = std::partition(pairs_.begin(), pairs_.end(), [](const Pair& p) { return p.p_camera.z > 0; });
+  const auto with_depth =
+      std::partition(pairs_.begin(), pairs_.end(), [](const Pair& p) { return p.p_camera.z > 0; });
   const auto samples = static_cast<std::uint32_t>(with_depth - pairs_.begin());
   if (samples < 3 || static_cast<int>(pairs_.size()) < fewest_inliers_) return std::nullopt;
   Pose best;

@@ -14,13 +14,14 @@
 
 namespace stillmap {
 
-/// Finds the camera's pose without a prediction, from one keyframe's points: descriptors are compared all with all,
-/// three-point absolute orientation (Horn, JOSA A 4(4), 1987) in RANSAC over features with depth, then a robust
-/// solve. Used by one thread; no heap after construction.
+/// Finds the camera's pose without a prediction, from one keyframe's points: descriptors are compared all
+/// with all, three-point absolute orientation (Horn, JOSA A 4(4), 1987) in RANSAC over features with depth,
+/// then a robust solve. Used by one thread; no heap after construction.
 class Relocalizer {
  public:
   Relocalizer(Arena& arena, const Config::Track& config, const CameraModel& camera);
-  /// T_camera_odom with at least `track.min_inliers` / 2 inliers, to be confirmed by a guided search; or nothing.
+  /// T_camera_odom with at least `track.min_inliers` / 2 inliers, to be confirmed by a guided search; or
+  /// nothing.
   std::optional<Pose> relocalize(LocalMap& map, const Keyframe& keyframe, const FrameFeatures& frame,
                                  const FeatureExtractor& extractor, Random random);
 
@@ -30,7 +31,8 @@ class Relocalizer {
     Vec3 p_camera, p_odom;
   };
   void find_pairs(LocalMap& map, const Keyframe& keyframe, const FrameFeatures& frame);
-  int count_inliers(const Pose& T_camera_odom, const FrameFeatures& frame, const FeatureExtractor& extractor) const;
+  int count_inliers(const Pose& T_camera_odom, const FrameFeatures& frame,
+                    const FeatureExtractor& extractor) const;
 
   CameraModel camera_;
   int fewest_inliers_;
@@ -38,8 +40,8 @@ class Relocalizer {
   ArenaVector<PoseObservation> observations_;
 };
 
-/// The rigid transform that takes `from` to `to` best in the sense of least squares (Horn 1987). At least three
-/// points that are not in a line; nothing otherwise.
+/// The rigid transform that takes `from` to `to` best in the sense of least squares (Horn 1987). At least
+/// three points that are not in a line; nothing otherwise.
 std::optional<Pose> absolute_orientation(std::span<const Vec3> from, std::span<const Vec3> to);
 
 }  // namespace stillmap

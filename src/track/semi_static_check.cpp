@@ -61,8 +61,8 @@ int SemiStaticCheck::counterpart(const Feature& feature, const Descriptor& descr
   const Vec3 p = T_previous_current * Vec3{feature.ray_x * z, feature.ray_y * z, z};
   if (p.z <= 0) return -1;
   int best = kMaxDistance + 1, best_index = -1;
-  previous_grid_.for_each_near(camera_.fx * p.x / p.z + camera_.cx, camera_.fy * p.y / p.z + camera_.cy, kSearchPx,
-                               [&](std::size_t i) {
+  previous_grid_.for_each_near(camera_.fx * p.x / p.z + camera_.cx, camera_.fy * p.y / p.z + camera_.cy,
+                               kSearchPx, [&](std::size_t i) {
                                  const int distance = hamming(descriptor, previous_.descriptors[i]);
                                  if (distance < best) {
                                    best = distance;
@@ -72,10 +72,11 @@ int SemiStaticCheck::counterpart(const Feature& feature, const Descriptor& descr
   return best_index;
 }
 
-void SemiStaticCheck::relabel(FrameFeatures& frame, std::span<const FeatureMatch> inliers, const Pose& T_previous_current,
-                              Random random) {
+void SemiStaticCheck::relabel(FrameFeatures& frame, std::span<const FeatureMatch> inliers,
+                              const Pose& T_previous_current, Random random) {
   const auto semi_static = [](const Feature& f) { return f.label == Label::SemiStatic; };
-  if (previous_.features.empty() || std::none_of(frame.features.begin(), frame.features.end(), semi_static)) return;
+  if (previous_.features.empty() || std::none_of(frame.features.begin(), frame.features.end(), semi_static))
+    return;
   collect_static(frame, inliers);
   if (median_parallax_px(T_previous_current) < kLeastParallaxPx) return;
   const std::optional<Mat3> F = fundamental_by_ransac(static_pairs_, threshold_px_, random);
@@ -85,7 +86,8 @@ void SemiStaticCheck::relabel(FrameFeatures& frame, std::span<const FeatureMatch
     if (!semi_static(feature)) continue;
     const int before = counterpart(feature, frame.descriptors[i], T_previous_current);
     if (before < 0) continue;
-    const Correspondence pair{ideal_pixel(previous_.features[static_cast<std::size_t>(before)]), ideal_pixel(feature)};
+    const Correspondence pair{ideal_pixel(previous_.features[static_cast<std::size_t>(before)]),
+                              ideal_pixel(feature)};
     feature.label = epipolar_distance(*F, pair) > threshold_px_ ? Label::Dynamic : Label::Static;
   }
 }
@@ -100,7 +102,8 @@ void SemiStaticCheck::remember(const FrameFeatures& frame, std::span<const Featu
     static_cast<void>(previous_.features.try_push_back(frame.features[i]));
     static_cast<void>(previous_.descriptors.try_push_back(frame.descriptors[i]));
     static_cast<void>(previous_matches_.try_push_back(inliers[i]));
-    if (inliers[i].slot >= 0) previous_feature_of_slot_[static_cast<std::size_t>(inliers[i].slot)] = static_cast<std::int32_t>(i);
+    if (inliers[i].slot >= 0)
+      previous_feature_of_slot_[static_cast<std::size_t>(inliers[i].slot)] = static_cast<std::int32_t>(i);
   }
   previous_grid_.build(previous_.features);
 }

@@ -13,20 +13,22 @@ constexpr std::size_t kFeatureCapacity = Keyframe::kMaxFeatures;
 constexpr SearchWindow kAroundPrediction{.radius_px = 16, .max_distance = 70, .depth_share = 0.15};
 constexpr SearchWindow kWide{.radius_px = 48, .max_distance = 60, .depth_share = 0.25};
 constexpr SearchWindow kAroundSolution{.radius_px = 5, .max_distance = 80, .depth_share = 0.08};
-constexpr int kFewestToStart = 100;    // points of the first keyframe
-constexpr int kKeyframesPerTry = 6;    // keyframes compared per lost frame
+constexpr int kFewestToStart = 100;  // points of the first keyframe
+constexpr int kKeyframesPerTry = 6;  // keyframes compared per lost frame
 // FAST corners are found to whole pixels of their octave.
 constexpr double kCornerSigma_px = 0.8;
 
-// A point is trusted in full after this many looks; before, it may sit on something that has only just come in.
+// A point is trusted in full after this many looks; before, it may sit on something that has only just come
+// in.
 constexpr double kLooksToTrust = 6;
 constexpr double kLeastWeight = 0.15;
-// A suspect point has proved that it stands still when it was found again in its place after this long, a walker's step,
-// and in this share of the looks.
+// A suspect point has proved that it stands still when it was found again in its place after this long, a
+// walker's step, and in this share of the looks.
 constexpr Nanoseconds kTimeToProve_ns = 200'000'000;
 constexpr int kLooksToProve = 3;
 constexpr double kFoundToProve = 0.6;
-// A point of the still world that was found this often vouches for a feature that the mask holds for a mover's.
+// A point of the still world that was found this often vouches for a feature that the mask holds for a
+// mover's.
 constexpr int kLooksToVouch = 4;
 constexpr double kVouchedWeight = 0.4;
 
@@ -37,7 +39,8 @@ double weight_of(const MapPoint& point, Label label, Nanoseconds stamp_ns) {
                         point.found >= kFoundToProve * point.visible;
     return proved ? kVouchedWeight : 0;
   }
-  if (label == Label::Dynamic || label == Label::Unknown) return point.found >= kLooksToVouch ? kVouchedWeight : 0;
+  if (label == Label::Dynamic || label == Label::Unknown)
+    return point.found >= kLooksToVouch ? kVouchedWeight : 0;
   return std::clamp(point.found / kLooksToTrust, kLeastWeight, 1.0);
 }
 
@@ -60,7 +63,8 @@ Tracker::Tracker(Arena& arena, const Config& config)
       extractor_(arena, config.track, config.camera),
       frame_(arena, kFeatureCapacity),
       grid_(arena, kFeatureCapacity, config.camera),
-      map_(arena, static_cast<std::size_t>(config.track.keyframes), static_cast<std::size_t>(config.track.points)),
+      map_(arena, static_cast<std::size_t>(config.track.keyframes),
+           static_cast<std::size_t>(config.track.points)),
       matcher_(arena, config.track, config.camera),
       builder_(config.track, config.camera),
       relocalizer_(arena, config.track, config.camera),
@@ -117,7 +121,8 @@ const TrackingResult& Tracker::track(const FrameSlot& slot, const DynamicMask& m
     history_[0] = {slot.colour_ns, result_.T_odom_camera};
     history_size_ = std::min(history_size_ + 1, 2);
     if (!result_.is_keyframe) {
-      if (config_.track.dynamic_rule == DynamicRule::Silhouette) motion_.relabel(frame_, matches(), slot.colour_ns, result_.T_odom_camera, extractor_);
+      if (config_.track.dynamic_rule == DynamicRule::Silhouette)
+        motion_.relabel(frame_, matches(), slot.colour_ns, result_.T_odom_camera, extractor_);
       builder_.refine_points(map_, posed(slot), extractor_);
       matcher_.count_visible(map_, slot.depth);
       if (wants_keyframe()) insert_keyframe(slot);
@@ -154,7 +159,8 @@ bool Tracker::localize(const FrameSlot& slot, const Pose& T_odom_camera_predicte
   bool found = !was_lost && match_and_solve(kAroundPrediction, T_odom_camera_predicted);
   if (!found && !was_lost) found = match_and_solve(kWide, T_odom_camera_predicted);
   if (!found && !was_lost && history_size_ == 2) {
-    // Starved: too little stands still in view. What there is corrects the motion model instead of replacing it.
+    // Starved: too little stands still in view. What there is corrects the motion model instead of replacing
+    // it.
     prior_ = motion_prior(T_odom_camera_predicted, to_seconds(slot.colour_ns - history_[0].stamp_ns));
     found = match_and_solve(kAroundPrediction, T_odom_camera_predicted);
     if (!found) prior_.reset();
@@ -187,7 +193,8 @@ bool Tracker::match_and_solve(const SearchWindow& window, const Pose& T_odom_cam
       const double sensor = config_.camera.depth_sigma_m(f.depth_m);
       o.sigma_depth_m = std::sqrt(sensor * sensor + variance_along(point, axis));
     }
-    if (config_.track.dynamic_rule == DynamicRule::Silhouette) o.weight = weight_of(point, f.label, result_.stamp_ns);
+    if (config_.track.dynamic_rule == DynamicRule::Silhouette)
+      o.weight = weight_of(point, f.label, result_.stamp_ns);
     observed_feature_[observations_.size()] = static_cast<std::uint16_t>(i);
     static_cast<void>(observations_.try_push_back(o));
   }
@@ -202,14 +209,15 @@ bool Tracker::match_and_solve(const SearchWindow& window, const Pose& T_odom_cam
 }
 
 bool Tracker::relocalize() {
-  // The newest keyframe first: most often the camera has only jumped. Then the others in turn, a few per frame.
+  // The newest keyframe first: most often the camera has only jumped. Then the others in turn, a few per
+  // frame.
   const std::span<Keyframe> keyframes = map_.keyframes();
   for (int attempt = 0; attempt < kKeyframesPerTry; ++attempt) {
     Keyframe* keyframe = map_.newest_keyframe();
     if (attempt > 0) keyframe = &keyframes[next_keyframe_to_try_++ % keyframes.size()];
     if (keyframe == nullptr || !keyframe->alive) continue;
-    const std::optional<Pose> T_camera_odom =
-        relocalizer_.relocalize(map_, *keyframe, frame_, extractor_, random_for(result_.sequence + keyframe->id));
+    const std::optional<Pose> T_camera_odom = relocalizer_.relocalize(
+        map_, *keyframe, frame_, extractor_, random_for(result_.sequence + keyframe->id));
     if (T_camera_odom && match_and_solve(kAroundPrediction, inverse(*T_camera_odom))) return true;
   }
   return false;
@@ -226,7 +234,8 @@ bool Tracker::wants_keyframe() const {
   if (result_.sequence < keyframe_sequence_ + 2) return false;
   const Pose moved = inverse(T_odom_keyframe_) * result_.T_odom_camera;
   constexpr double kTurn_rad = 0.17, kMove_m = 0.12;
-  return norm(log_so3(moved.R)) > kTurn_rad || norm(moved.t) > kMove_m || 2 * result_.inliers < keyframe_points_;
+  return norm(log_so3(moved.R)) > kTurn_rad || norm(moved.t) > kMove_m ||
+         2 * result_.inliers < keyframe_points_;
 }
 
 void Tracker::insert_keyframe(const FrameSlot& slot) {

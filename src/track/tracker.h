@@ -23,10 +23,12 @@
 
 namespace stillmap {
 
-/// RGB-D frames in, camera poses out. A stage: it knows no threads; one thread calls it. No heap after construction.
+/// RGB-D frames in, camera poses out. A stage: it knows no threads; one thread calls it. No heap after
+/// construction.
 ///
-/// One frame: features; label them by the mask; predict the pose; match the local map around the prediction; solve;
-/// match again, narrower, around the solution; solve; judge; refine the map's points; perhaps make a keyframe.
+/// One frame: features; label them by the mask; predict the pose; match the local map around the prediction;
+/// solve; match again, narrower, around the solution; solve; judge; refine the map's points; perhaps make a
+/// keyframe.
 class Tracker {
  public:
   Tracker(Arena& arena, const Config& config);
@@ -36,7 +38,8 @@ class Tracker {
   /// Tracks one frame. `mask` says what moves in it. The result stays valid until the next call.
   const TrackingResult& track(const FrameSlot& frame, const DynamicMask& mask);
 
-  /// Where the camera sits on the robot (camera.T_base_camera); odom begins at the base. Identity when unknown.
+  /// Where the camera sits on the robot (camera.T_base_camera); odom begins at the base. Identity when
+  /// unknown.
   Pose T_base_camera() const { return T_base_camera_; }
   /// The newest frame's features with their final labels.
   std::span<const Feature> features() const { return frame_.features; }
@@ -54,7 +57,9 @@ class Tracker {
   void insert_keyframe(const FrameSlot& slot);
   void count_labels();
   Random random_for(std::uint64_t sequence) const;
-  PosedFeatures posed(const FrameSlot& slot) { return {frame_, matches(), result_.T_odom_camera, slot.sequence, slot.colour_ns}; }
+  PosedFeatures posed(const FrameSlot& slot) {
+    return {frame_, matches(), result_.T_odom_camera, slot.sequence, slot.colour_ns};
+  }
   std::span<FeatureMatch> matches() { return matches_.first(frame_.features.size()); }
 
   Config config_;
