@@ -22,8 +22,8 @@ struct Error {
 class [[nodiscard]] Status {
  public:
   Status() = default;
-  Status(Error error)
-      : error_(std::move(error)) {}  // NOLINT(google-explicit-constructor): `return Error{...}`
+  // NOLINTNEXTLINE(google-explicit-constructor): `return Error{...}`
+  Status(Error error) : error_(std::move(error)) {}
   bool ok() const { return !error_.has_value(); }
   const Error& error() const { return *error_; }
 
@@ -35,9 +35,10 @@ class [[nodiscard]] Status {
 template <class T>
 class [[nodiscard]] Result {
  public:
-  Result(T value) : value_(std::move(value)) {}  // NOLINT(google-explicit-constructor): `return value`
-  Result(Error error)
-      : error_(std::move(error)) {}  // NOLINT(google-explicit-constructor): `return Error{...}`
+  // NOLINTNEXTLINE(google-explicit-constructor): `return value`
+  Result(T value) : value_(std::move(value)) {}
+  // NOLINTNEXTLINE(google-explicit-constructor): `return Error{...}`
+  Result(Error error) : error_(std::move(error)) {}
   bool ok() const { return value_.has_value(); }
   T& value() {
     STILLMAP_CHECK(value_.has_value());
