@@ -3,7 +3,10 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cstring>
+
+#include "core/vector_clones.h"
 
 namespace stillmap {
 
@@ -28,104 +31,134 @@ constexpr std::array<std::array<int, 2>, 16> kCircle{{{0, -3},
                                                       {-1, -3}}};
 using Offsets = std::array<std::ptrdiff_t, 16>;
 
-// Sixteen pixels at once, portably: GCC and Clang turn this into SSE or NEON.
-using U8x16 = std::uint8_t __attribute__((vector_size(16)));
+// Thirty-two pixels at once, portably: compilers turn this into AVX2, pairs of SSE, or pairs of NEON.
+constexpr int kLanes = 32;
+using U8 = std::uint8_t __attribute__((vector_size(kLanes)));
 
-U8x16 load(const std::uint8_t* p) {
-  U8x16 v;
+[[gnu::always_inline]] inline U8 load(const std::uint8_t* p) {
+  U8 v;
   std::memcpy(&v, p, sizeof v);
   return v;
 }
 
-U8x16 smaller(U8x16 a, U8x16 b) {
+[[gnu::always_inline]] inline U8 smaller(U8 a, U8 b) {
   return a < b ? a : b;
 }
-U8x16 larger(U8x16 a, U8x16 b) {
+[[gnu::always_inline]] inline U8 larger(U8 a, U8 b) {
   return a > b ? a : b;
 }
-bool any(U8x16 v) {
-  std::array<std::uint64_t, 2> halves;
-  std::memcpy(halves.data(), &v, sizeof halves);
-  return (halves[0] | halves[1]) != 0;
+using Words = std::array<std::uint64_t, kLanes / 8>;
+[[gnu::always_inline]] inline Words words_of(U8 v) {
+  Words words;
+  std::memcpy(words.data(), &v, sizeof words);
+  return words;
+}
+[[gnu::always_inline]] inline bool any(U8 v) {
+  const Words w = words_of(v);
+  return (w[0] | w[1] | w[2] | w[3]) != 0;
 }
 
 /// Of every nine in a row around the circle the least difference counts, and of all sixteen rows the largest:
-/// the contrast up to which a pixel is a corner. Rows of nine are made from rows of two, four and eight.
-U8x16 strongest_row(const std::array<U8x16, 16>& d) {
-  std::array<U8x16, 16> two, four;
-  for (std::size_t i = 0; i < 16; ++i) two[i] = smaller(d[i], d[(i + 1) % 16]);
-  for (std::size_t i = 0; i < 16; ++i) four[i] = smaller(two[i], two[(i + 2) % 16]);
-  U8x16 best{};
-  for (std::size_t i = 0; i < 16; ++i) {
-    best = larger(best, smaller(smaller(four[i], four[(i + 4) % 16]), d[(i + 8) % 16]));
+/// the contrast up to which a pixel is a corner. Two neighbouring rows share eight, which are made from pairs
+/// and fours.
+[[gnu::always_inline]] inline U8 strongest_row(const std::array<U8, 16>& d) {
+  std::array<U8, 8> two, four;
+  for (std::size_t i = 0; i < 8; ++i) two[i] = smaller(d[2 * i + 1], d[(2 * i + 2) % 16]);
+  for (std::size_t i = 0; i < 8; ++i) four[i] = smaller(two[i], two[(i + 1) % 8]);
+  U8 best{};
+  for (std::size_t i = 0; i < 8; ++i) {
+    const U8 eight = smaller(four[i], four[(i + 2) % 8]);
+    best = larger(best, smaller(eight, larger(d[2 * i], d[(2 * i + 9) % 16])));
   }
   return best;
 }
 
-/// For sixteen pixels the contrast up to which each is a corner, or zeros where none is one at the threshold.
-U8x16 corner_contrast(const std::uint8_t* p, const Offsets& o, std::uint8_t threshold) {
-  const U8x16 centre = load(p), t = U8x16{} + threshold;
-  U8x16 high = centre + t, low = centre - t;
-  high |= reinterpret_cast<U8x16>(high < centre);  // saturate
-  low &= reinterpret_cast<U8x16>(low <= centre);
-  // Nine in a row always cover two neighbouring compass points, which rejects most pixels at once.
-  const U8x16 n = load(p + o[0]), e = load(p + o[4]), s = load(p + o[8]), w = load(p + o[12]);
-  const auto bright = ((n > high) | (s > high)) & ((e > high) | (w > high));
-  const auto dark = ((n < low) | (s < low)) & ((e < low) | (w < low));
-  if (!any(reinterpret_cast<U8x16>(bright | dark))) return U8x16{};
-  std::array<U8x16, 16> brighter, darker;
-  for (std::size_t i = 0; i < 16; ++i) {
-    const U8x16 q = load(p + o[i]);
-    brighter[i] = larger(q, centre) - centre;
-    darker[i] = larger(q, centre) - q;
+/// Whether a row of nine can be there for any pixel: it covers four neighbours of the eight even points of
+/// the circle. `difference` holds 0 where a point differs by no more than the threshold.
+[[gnu::always_inline]] inline bool may_have_row(const std::array<U8, 8>& difference) {
+  std::array<U8, 8> two;
+  for (std::size_t i = 0; i < 8; ++i) two[i] = smaller(difference[i], difference[(i + 1) % 8]);
+  U8 four{};
+  for (std::size_t i = 0; i < 8; ++i) four |= smaller(two[i], two[(i + 2) % 8]);
+  return any(four);
+}
+
+/// For each pixel of a group the contrast up to which it is a corner, or 0 where it is none at the threshold.
+[[gnu::always_inline]] inline U8 corner_contrast(const std::uint8_t* p, const Offsets& o,
+                                                 std::uint8_t threshold) {
+  const U8 centre = load(p), t = U8{} + threshold;
+  const U8 high = smaller(centre, ~t) + t, low = larger(centre, t) - t;  // saturated
+  U8 contrast{};
+  std::array<U8, 8> above, below;
+  for (std::size_t i = 0; i < 8; ++i) {
+    const U8 q = load(p + o[2 * i]);
+    above[i] = larger(q, high) - high;
+    below[i] = low - smaller(q, low);
   }
-  const U8x16 contrast = larger(strongest_row(brighter), strongest_row(darker));
-  return contrast & reinterpret_cast<U8x16>(contrast > t);
+  if (may_have_row(above)) {
+    std::array<U8, 16> brighter;
+    for (std::size_t i = 0; i < 16; ++i) brighter[i] = larger(load(p + o[i]), centre) - centre;
+    contrast = strongest_row(brighter);
+  }
+  if (may_have_row(below)) {
+    std::array<U8, 16> darker;
+    for (std::size_t i = 0; i < 16; ++i) darker[i] = centre - smaller(load(p + o[i]), centre);
+    contrast = larger(contrast, strongest_row(darker));
+  }
+  return contrast & reinterpret_cast<U8>(contrast > t);
+}
+
+/// 1 where a contrast of the middle row stands above its neighbours. Strictly above the earlier ones and not
+/// below the later ones: of two equal neighbours one stays.
+[[gnu::always_inline]] inline U8 peaks_of(const std::uint8_t* above, const std::uint8_t* here,
+                                          const std::uint8_t* below) {
+  const U8 earlier = larger(larger(load(above - 1), load(above)), larger(load(above + 1), load(here - 1)));
+  const U8 later = larger(larger(load(below - 1), load(below)), larger(load(below + 1), load(here + 1)));
+  const U8 c = load(here);
+  return reinterpret_cast<U8>((c > earlier) & (c >= later)) & 1;
 }
 
 }  // namespace
 
-void fast_corners(ImageView<const std::uint8_t> image, int x0, int y0, int x1, int y1, int threshold,
-                  CellCorners& out) {
+STILLMAP_VECTOR_CLONES void fast_corners(ImageView<const std::uint8_t> image, int x0, int y0, int x1, int y1,
+                                         int threshold, CellCorners& out) {
   Offsets offsets;
   for (std::size_t i = 0; i < 16; ++i) offsets[i] = kCircle[i][1] * image.stride + kCircle[i][0];
   constexpr int kMaxWidth = 128;
   STILLMAP_CHECK(x1 - x0 <= kMaxWidth);
-  // Scores of three rows, with a border of zeros: suppression looks at the row above once the one below is
-  // known.
-  std::array<std::array<std::uint8_t, kMaxWidth + 2>, 3> scores{};
+  const auto width = static_cast<std::size_t>(x1 - x0);
+  // Contrasts of three rows, x0 at index 1, with zeros on both sides: suppression looks at the row above once
+  // the one below is known.
+  using Row = std::array<std::uint8_t, kMaxWidth + kLanes + 2>;
+  std::array<Row, 3> rows{};
   std::array<bool, 3> row_has_corner{};
   for (int y = y0; y <= y1; ++y) {
-    auto& row_scores = scores[static_cast<std::size_t>(y % 3)];
-    bool& row_any = row_has_corner[static_cast<std::size_t>(y % 3)];
-    row_scores.fill(0);
-    row_any = false;
-    for (int x = x0; y < y1 && x < x1; x += 16) {
-      // The last group may look at pixels beyond x1: inside the picture's rows, and their verdict is not
+    const auto newest = static_cast<std::size_t>(y % 3), middle = (newest + 2) % 3, oldest = (newest + 1) % 3;
+    U8 in_row{};
+    for (std::size_t x = 0; x < width; x += kLanes) {
+      // The last group may look at pixels beyond x1: inside the picture's memory, and their verdict is not
       // used.
-      const std::uint8_t* p = image.row(y) + x;
-      const U8x16 contrast = corner_contrast(p, offsets, static_cast<std::uint8_t>(threshold));
-      if (!any(contrast)) continue;
-      for (int i = 0; i < 16 && x + i < x1; ++i) {
-        if (contrast[i] == 0) continue;
-        row_scores[static_cast<std::size_t>(x + i - x0 + 1)] = static_cast<std::uint8_t>(contrast[i] - 1);
-        row_any = true;
-      }
+      const U8 contrast =
+          y < y1 ? corner_contrast(image.row(y) + x0 + x, offsets, static_cast<std::uint8_t>(threshold))
+                 : U8{};
+      in_row |= contrast;
+      std::memcpy(&rows[newest][x + 1], &contrast, sizeof contrast);
     }
-    if (y == y0) continue;
-    const auto& above = scores[static_cast<std::size_t>((y + 1) % 3)];  // y - 2
-    const auto& here = scores[static_cast<std::size_t>((y + 2) % 3)];   // y - 1
-    if (!row_has_corner[static_cast<std::size_t>((y + 2) % 3)]) continue;
-    for (int x = x0; x < x1; ++x) {
-      const auto i = static_cast<std::size_t>(x - x0 + 1);
-      const std::uint8_t s = here[i];
-      // Strictly above the earlier neighbours and not below the later ones: of two equal neighbours one
-      // stays.
-      if (s == 0 || s <= above[i - 1] || s <= above[i] || s <= above[i + 1] || s <= here[i - 1] ||
-          s < here[i + 1] || s < row_scores[i - 1] || s < row_scores[i] || s < row_scores[i + 1]) {
-        continue;
+    std::memset(&rows[newest][width + 1], 0, kLanes);
+    row_has_corner[newest] = any(in_row);
+    if (y == y0 || !row_has_corner[middle]) continue;
+    for (std::size_t x = 0; x < width; x += kLanes) {
+      const U8 peaks = peaks_of(&rows[oldest][x + 1], &rows[middle][x + 1], &rows[newest][x + 1]);
+      Words words = words_of(peaks);
+      for (std::size_t word = 0; word < words.size(); ++word) {
+        for (; words[word] != 0; words[word] &= words[word] - 1) {
+          const std::size_t at = x + 8 * word + static_cast<std::size_t>(std::countr_zero(words[word])) / 8;
+          const auto score = static_cast<std::uint8_t>(rows[middle][at + 1] - 1);
+          if (!out.try_push_back({static_cast<std::int16_t>(x0 + static_cast<int>(at)),
+                                  static_cast<std::int16_t>(y - 1), score}))
+            return;
+        }
       }
-      if (!out.try_push_back({static_cast<std::int16_t>(x), static_cast<std::int16_t>(y - 1), s})) return;
     }
   }
 }

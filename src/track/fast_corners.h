@@ -18,7 +18,7 @@ struct Corner {
 using CellCorners = FixedVector<Corner, 512>;
 
 /// FAST-9 (Rosten and Drummond, ECCV 2006) with 3x3 non-maximum suppression in the rectangle [x0, x1) x [y0,
-/// y1), at most 128 px wide, which must keep 19 px from the border: pixels are read in groups of sixteen.
+/// y1), at most 128 px wide, which must keep 19 px from the border: pixels are read in groups of 32.
 /// Corners are appended in row order. No heap.
 void fast_corners(ImageView<const std::uint8_t> image, int x0, int y0, int x1, int y1, int threshold,
                   CellCorners& out);

@@ -17,18 +17,20 @@ namespace stillmap {
 class FeatureGrid {
  public:
   FeatureGrid(Arena& arena, std::size_t feature_capacity, const CameraModel& camera)
-      : camera_(camera), items_(arena.take<std::uint16_t>("feature_grid", feature_capacity)) {}
+      : camera_(camera), items_(arena.take<Item>("feature_grid", feature_capacity)) {}
 
-  /// Indexes `features`, which must stay as they are while the grid is used.
+  /// Indexes `features` by where they are now.
   void build(std::span<const Feature> features) {
-    features_ = features;
     starts_.fill(0);
     for (const Feature& f : features) ++starts_[cell_of(f) + 1];
     for (std::size_t i = 1; i < starts_.size(); ++i)
       starts_[i] = static_cast<std::uint16_t>(starts_[i] + starts_[i - 1]);
     auto next = starts_;
-    for (std::size_t i = 0; i < features.size(); ++i)
-      items_[next[cell_of(features[i])]++] = static_cast<std::uint16_t>(i);
+    for (std::size_t i = 0; i < features.size(); ++i) {
+      const Feature& f = features[i];
+      items_[next[cell_of(f)]++] = {static_cast<float>(u_of(f)), static_cast<float>(v_of(f)),
+                                    static_cast<std::uint32_t>(i)};
+    }
   }
 
   double u_of(const Feature& f) const { return camera_.fx * f.ray_x + camera_.cx; }
@@ -43,9 +45,9 @@ class FeatureGrid {
       for (int column = c0; column <= c1; ++column) {
         const auto cell = static_cast<std::size_t>(row * kColumns + column);
         for (std::size_t i = starts_[cell]; i < starts_[cell + 1]; ++i) {
-          const Feature& f = features_[items_[i]];
-          const double du = u_of(f) - u, dv = v_of(f) - v;
-          if (du * du + dv * dv <= radius_px * radius_px) visit(static_cast<std::size_t>(items_[i]));
+          const Item& item = items_[i];
+          const double du = item.u - u, dv = item.v - v;
+          if (du * du + dv * dv <= radius_px * radius_px) visit(static_cast<std::size_t>(item.feature));
         }
       }
     }
@@ -64,9 +66,12 @@ class FeatureGrid {
     return static_cast<std::size_t>(row_of(v_of(f)) * kColumns + column_of(u_of(f)));
   }
 
+  struct Item {
+    float u, v;
+    std::uint32_t feature;
+  };
   CameraModel camera_;
-  std::span<const Feature> features_;
-  std::span<std::uint16_t> items_;
+  std::span<Item> items_;  // cell by cell
   std::array<std::uint16_t, kColumns * kRows + 1> starts_{};
 };
 

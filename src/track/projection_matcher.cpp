@@ -26,29 +26,46 @@ ProjectionMatcher::ProjectionMatcher(Arena& arena, const Config::Track& config, 
       levels_(config.levels),
       candidates_(arena.take<Candidate>("match_candidates", static_cast<std::size_t>(config.points))) {}
 
+/// Fills all of `out` but the slot; false where the point cannot be seen or not be recognised.
+bool ProjectionMatcher::project_point(const MapPoint& point, const Pose& T_camera_odom, Vec3 camera_centre,
+                                      Candidate& out) const {
+  const Vec3 p = T_camera_odom * point.p_odom;
+  if (p.z < kNearest_m) return false;
+  out.u = camera_.fx * p.x / p.z + camera_.cx;
+  out.v = camera_.fy * p.y / p.z + camera_.cy;
+  out.z = p.z;
+  // Undistorted coordinates may lie somewhat outside the picture where the lens bends inwards.
+  const double margin = 0.1 * camera_.width;
+  if (out.u < -margin || out.v < -margin || out.u > camera_.width + margin || out.v > camera_.height + margin)
+    return false;
+  const Vec3 to_camera = camera_centre - point.p_odom;
+  const double distance = norm(to_camera);
+  if (dot(to_camera, point.view_direction) < kSteepest * distance) return false;
+  const double octave = point.reference_octave + std::log(point.reference_distance_m / distance) / log_scale_;
+  out.octave = std::clamp(static_cast<int>(std::lround(octave)), 0, levels_ - 1);
+  return octave >= -1 && octave <= levels_;
+}
+
 void ProjectionMatcher::project(const LocalMap& map, const Pose& T_camera_odom) {
   candidates_.clear();
   const Vec3 camera_centre = inverse(T_camera_odom).t;
   const std::span<const MapPoint> points = map.points();
+  Candidate candidate;
   for (std::size_t i = 0; i < points.size(); ++i) {
-    const MapPoint& point = points[i];
-    if (!point.alive) continue;
-    const Vec3 p = T_camera_odom * point.p_odom;
-    if (p.z < kNearest_m) continue;
-    const double u = camera_.fx * p.x / p.z + camera_.cx, v = camera_.fy * p.y / p.z + camera_.cy;
-    // Undistorted coordinates may lie somewhat outside the picture where the lens bends inwards.
-    const double margin = 0.1 * camera_.width;
-    if (u < -margin || v < -margin || u > camera_.width + margin || v > camera_.height + margin) continue;
-    const Vec3 to_camera = camera_centre - point.p_odom;
-    const double distance = norm(to_camera);
-    if (dot(to_camera, point.view_direction) < kSteepest * distance) continue;
-    const double octave =
-        point.reference_octave + std::log(point.reference_distance_m / distance) / log_scale_;
-    if (octave < -1 || octave > levels_) continue;
-    static_cast<void>(candidates_.try_push_back(
-        {static_cast<std::int32_t>(i), std::clamp(static_cast<int>(std::lround(octave)), 0, levels_ - 1), u,
-         v, p.z}));
+    if (!points[i].alive || !project_point(points[i], T_camera_odom, camera_centre, candidate)) continue;
+    candidate.slot = static_cast<std::int32_t>(i);
+    static_cast<void>(candidates_.try_push_back(candidate));
   }
+}
+
+void ProjectionMatcher::reproject(const LocalMap& map, const Pose& T_camera_odom) {
+  const Vec3 camera_centre = inverse(T_camera_odom).t;
+  std::size_t kept = 0;
+  for (Candidate candidate : candidates_) {
+    const MapPoint& point = map.points()[static_cast<std::size_t>(candidate.slot)];
+    if (project_point(point, T_camera_odom, camera_centre, candidate)) candidates_[kept++] = candidate;
+  }
+  candidates_.resize_down(kept);
 }
 
 int ProjectionMatcher::match(const LocalMap& map, const FrameFeatures& frame, const FeatureGrid& grid,

@@ -36,15 +36,21 @@ class ProjectionMatcher {
   /// Projects every living point with `T_camera_odom` and keeps what falls into the picture at an octave and
   /// angle at which it can be recognised. Call before `match`.
   void project(const LocalMap& map, const Pose& T_camera_odom);
-  /// Matches what `project` kept to features that may be used (Static, SemiStatic). A feature takes the
+  /// Projects what `project` kept once more, with a pose that is better known: cheaper, since most of the map
+  /// is out of view.
+  void reproject(const LocalMap& map, const Pose& T_camera_odom);
+  /// Matches what was projected to features that may be used (Static, SemiStatic). A feature takes the
   /// point nearest in descriptor. Returns the number of matches; `matches` has one entry per feature.
   int match(const LocalMap& map, const FrameFeatures& frame, const FeatureGrid& grid,
             const SearchWindow& window, const FeatureExtractor& extractor,
             std::span<FeatureMatch> matches) const;
-  /// Counts, for every point that `project` kept and nothing nearer hides, that it should have been seen.
+  /// Counts, for every point that was projected and nothing nearer hides, that it should have been seen.
   void count_visible(LocalMap& map, ImageView<const std::uint16_t> depth) const;
 
  private:
+  struct Candidate;
+  bool project_point(const MapPoint& point, const Pose& T_camera_odom, Vec3 camera_centre,
+                     Candidate& out) const;
   struct Candidate {
     std::int32_t slot;
     std::int32_t octave;

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/vector_clones.h"
+
 namespace stillmap {
 
 namespace {
@@ -17,8 +19,8 @@ std::uint32_t source_of(int target, double ratio, int source_size) {
 }
 
 /// Bilinear. Rows first, which the compiler turns into vector code, then the gather along the row.
-void resample(ImageView<const std::uint8_t> from, ImageView<std::uint8_t> to, std::span<std::uint16_t> row,
-              std::span<std::uint32_t> columns) {
+STILLMAP_VECTOR_CLONES void resample(ImageView<const std::uint8_t> from, ImageView<std::uint8_t> to,
+                                     std::span<std::uint16_t> row, std::span<std::uint32_t> columns) {
   const double ratio_x = static_cast<double>(from.width) / to.width;
   const double ratio_y = static_cast<double>(from.height) / to.height;
   for (int x = 0; x < to.width; ++x) columns[static_cast<std::size_t>(x)] = source_of(x, ratio_x, from.width);
@@ -31,9 +33,10 @@ void resample(ImageView<const std::uint8_t> from, ImageView<std::uint8_t> to, st
     for (int x = 0; x < from.width; ++x) mixed[x] = static_cast<std::uint16_t>(a[x] * above + b[x] * below);
     std::uint8_t* out = to.row(y);
     for (int x = 0; x < to.width; ++x) {
-      const std::uint32_t column = columns[static_cast<std::size_t>(x)], right = column & 255;
+      const std::uint32_t column = columns[static_cast<std::size_t>(x)];
       const std::uint16_t* m = mixed + (column >> 8);
-      out[x] = static_cast<std::uint8_t>((m[0] * (128 - right) + m[1] * right + (1U << 13)) >> 14);
+      const int right = static_cast<int>(column & 255);
+      out[x] = static_cast<std::uint8_t>((m[0] * 128 + (m[1] - m[0]) * right + (1 << 13)) >> 14);
     }
   }
 }
@@ -43,15 +46,15 @@ constexpr std::array<unsigned, 4> kTaps{54, 49, 34, 18};  // as exp(-x^2 / 8), r
 static_assert(kTaps[0] + 2 * (kTaps[1] + kTaps[2] + kTaps[3]) == 256);
 
 /// One pass of the filter; every sum fits 16 bits, which is what makes it quick in vector units.
-std::uint8_t weighted(unsigned m3, unsigned m2, unsigned m1, unsigned c, unsigned p1, unsigned p2,
-                      unsigned p3) {
+[[gnu::always_inline]] inline std::uint8_t weighted(unsigned m3, unsigned m2, unsigned m1, unsigned c,
+                                                    unsigned p1, unsigned p2, unsigned p3) {
   const auto sum = static_cast<std::uint16_t>(c * kTaps[0] + (m1 + p1) * kTaps[1] + (m2 + p2) * kTaps[2] +
                                               (m3 + p3) * kTaps[3] + 128);
   return static_cast<std::uint8_t>(sum >> 8);
 }
 
-void smooth_level(ImageView<const std::uint8_t> from, ImageView<std::uint8_t> to,
-                  std::span<std::uint8_t> row) {
+STILLMAP_VECTOR_CLONES void smooth_level(ImageView<const std::uint8_t> from, ImageView<std::uint8_t> to,
+                                         std::span<std::uint8_t> row) {
   std::uint8_t* column = row.data();
   for (int y = 3; y < from.height - 3; ++y) {
     const std::uint8_t *a = from.row(y - 3), *b = from.row(y - 2), *c = from.row(y - 1), *d = from.row(y),

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "track/point_trust.h"
+
 namespace stillmap {
 
 namespace {
@@ -18,35 +20,11 @@ constexpr int kKeyframesPerTry = 6;  // keyframes compared per lost frame
 // FAST corners are found to whole pixels of their octave.
 constexpr double kCornerSigma_px = 0.8;
 
-// A point is trusted in full after this many looks; before, it may sit on something that has only just come
-// in.
-constexpr double kLooksToTrust = 6;
-constexpr double kLeastWeight = 0.15;
-// A suspect point has proved that it stands still when it was found again in its place after this long, a
-// walker's step, and in this share of the looks.
-constexpr Nanoseconds kTimeToProve_ns = 200'000'000;
-constexpr int kLooksToProve = 3;
-constexpr double kFoundToProve = 0.6;
-// A point of the still world that was found this often vouches for a feature that the mask holds for a
-// mover's.
-constexpr int kLooksToVouch = 4;
-constexpr double kVouchedWeight = 0.4;
-
-/// How much a match says about the camera (0: nothing, but the match is tested against the pose).
-double weight_of(const MapPoint& point, Label label, Nanoseconds stamp_ns) {
-  if (point.suspect) {
-    const bool proved = stamp_ns - point.made_ns >= kTimeToProve_ns && point.found >= kLooksToProve &&
-                        point.found >= kFoundToProve * point.visible;
-    return proved ? kVouchedWeight : 0;
-  }
-  if (label == Label::Dynamic || label == Label::Unknown)
-    return point.found >= kLooksToVouch ? kVouchedWeight : 0;
-  return std::clamp(point.found / kLooksToTrust, kLeastWeight, 1.0);
-}
+constexpr Nanoseconds kKeyframeGap_ns = 60'000'000;
 
 /// The motion model's trust in itself: what a hand that jerks does to a constant velocity in this time.
 PosePrior motion_prior(const Pose& T_odom_camera_predicted, double seconds) {
-  return {inverse(T_odom_camera_predicted), 0.005 + 10 * seconds * seconds, 0.005 + 5 * seconds * seconds};
+  return {inverse(T_odom_camera_predicted), 0.003 + 10 * seconds * seconds, 0.003 + 2 * seconds * seconds};
 }
 
 Pose mount_of(const Config& config) {
@@ -156,13 +134,19 @@ void Tracker::start_map(const FrameSlot& slot) {
 bool Tracker::localize(const FrameSlot& slot, const Pose& T_odom_camera_predicted) {
   const bool was_lost = result_.state == TrackState::Lost;
   prior_.reset();
-  bool found = !was_lost && match_and_solve(kAroundPrediction, T_odom_camera_predicted);
-  if (!found && !was_lost) found = match_and_solve(kWide, T_odom_camera_predicted);
-  if (!found && !was_lost && history_size_ == 2) {
-    // Starved: too little stands still in view. What there is corrects the motion model instead of replacing
-    // it.
-    prior_ = motion_prior(T_odom_camera_predicted, to_seconds(slot.colour_ns - history_[0].stamp_ns));
-    found = match_and_solve(kAroundPrediction, T_odom_camera_predicted);
+  lost_by_looking_ = false;
+  bool found = false;
+  if (!was_lost) {
+    if (history_size_ == 2)
+      prior_ = motion_prior(T_odom_camera_predicted, to_seconds(slot.colour_ns - history_[0].stamp_ns));
+    matcher_.project(map_, inverse(T_odom_camera_predicted));
+    found = match_and_solve(kAroundPrediction, T_odom_camera_predicted) ||
+            match_and_solve(kWide, T_odom_camera_predicted);
+    if (!found && prior_) {
+      // What there is corrects the motion model instead of replacing it.
+      lost_by_looking_ = true;
+      found = match_and_solve(kAroundPrediction, T_odom_camera_predicted);
+    }
     if (!found) prior_.reset();
   }
   if (!found) found = relocalize();
@@ -172,11 +156,11 @@ bool Tracker::localize(const FrameSlot& slot, const Pose& T_odom_camera_predicte
     semi_static_.relabel(frame_, matches(), inverse(history_[0].T_odom_camera) * result_.T_odom_camera,
                          random_for(slot.sequence));
   }
+  matcher_.reproject(map_, inverse(result_.T_odom_camera));
   return match_and_solve(kAroundSolution, result_.T_odom_camera);
 }
 
 bool Tracker::match_and_solve(const SearchWindow& window, const Pose& T_odom_camera) {
-  matcher_.project(map_, inverse(T_odom_camera));
   SearchWindow search = window;
   search.any_label = config_.track.dynamic_rule == DynamicRule::Silhouette;
   result_.matches = matcher_.match(map_, frame_, grid_, search, extractor_, matches());
@@ -194,15 +178,18 @@ bool Tracker::match_and_solve(const SearchWindow& window, const Pose& T_odom_cam
       o.sigma_depth_m = std::sqrt(sensor * sensor + variance_along(point, axis));
     }
     if (config_.track.dynamic_rule == DynamicRule::Silhouette)
-      o.weight = weight_of(point, f.label, result_.stamp_ns);
+      o.weight = trust_in(point, f.label, result_.stamp_ns);
     observed_feature_[observations_.size()] = static_cast<std::uint16_t>(i);
     static_cast<void>(observations_.try_push_back(o));
   }
-  estimate_ = solve_pose(observations_, config_.camera, inverse(T_odom_camera), prior_ ? &*prior_ : nullptr);
+  const bool starved = readmit_if_starved(observations_, observed_feature_, frame_.features);
+  const PosePrior* prior = prior_ && (starved || lost_by_looking_) ? &*prior_ : nullptr;
+  estimate_ = solve_pose(observations_, config_.camera, inverse(T_odom_camera), prior);
   for (std::size_t k = 0; k < observations_.size(); ++k) {
     if (!observations_[k].inlier) matches_[observed_feature_[k]].slot = -1;
   }
-  const int fewest = prior_ ? config_.track.min_inliers / 2 : config_.track.min_inliers;
+  const bool few_will_do = prior != nullptr && lost_by_looking_;
+  const int fewest = few_will_do ? config_.track.min_inliers / 2 : config_.track.min_inliers;
   if (!estimate_.converged || estimate_.inliers < fewest) return false;
   result_.T_odom_camera = inverse(estimate_.T_camera_world);
   return true;
@@ -218,7 +205,9 @@ bool Tracker::relocalize() {
     if (keyframe == nullptr || !keyframe->alive) continue;
     const std::optional<Pose> T_camera_odom = relocalizer_.relocalize(
         map_, *keyframe, frame_, extractor_, random_for(result_.sequence + keyframe->id));
-    if (T_camera_odom && match_and_solve(kAroundPrediction, inverse(*T_camera_odom))) return true;
+    if (!T_camera_odom) continue;
+    matcher_.project(map_, *T_camera_odom);
+    if (match_and_solve(kAroundPrediction, inverse(*T_camera_odom))) return true;
   }
   return false;
 }
@@ -231,7 +220,7 @@ void Tracker::judge() {
 }
 
 bool Tracker::wants_keyframe() const {
-  if (result_.sequence < keyframe_sequence_ + 2) return false;
+  if (std::abs(result_.stamp_ns - keyframe_ns_) < kKeyframeGap_ns) return false;
   const Pose moved = inverse(T_odom_keyframe_) * result_.T_odom_camera;
   constexpr double kTurn_rad = 0.17, kMove_m = 0.12;
   return norm(log_so3(moved.R)) > kTurn_rad || norm(moved.t) > kMove_m ||
@@ -243,7 +232,7 @@ void Tracker::insert_keyframe(const FrameSlot& slot) {
   const Keyframe& keyframe = builder_.insert_keyframe(map_, posed(slot), extractor_);
   T_odom_keyframe_ = keyframe.T_odom_camera;
   keyframe_points_ = keyframe.tracked_points;
-  keyframe_sequence_ = keyframe.sequence;
+  keyframe_ns_ = keyframe.stamp_ns;
   result_.reference_keyframe = keyframe.id;
   result_.is_keyframe = true;
 }

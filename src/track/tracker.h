@@ -86,10 +86,11 @@ class Tracker {
   };
   std::array<PosedStamp, 2> history_;
   int history_size_ = 0;
-  std::optional<PosePrior> prior_;  // of this frame, where its features alone are not enough
+  bool lost_by_looking_ = false;    // this frame's features alone give no pose
+  std::optional<PosePrior> prior_;  // of this frame, for when its features alone are not enough
   Pose T_odom_keyframe_;
   int keyframe_points_ = 0;
-  std::uint64_t keyframe_sequence_ = 0;
+  Nanoseconds keyframe_ns_ = 0;
   std::size_t next_keyframe_to_try_ = 0;
 };
 

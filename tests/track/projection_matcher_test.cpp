@@ -47,6 +47,21 @@ TEST_F(ProjectionMatcherTest, FindsEveryPointOfAMovedCamera) {
   }
 }
 
+TEST_F(ProjectionMatcherTest, ReprojectingFindsWhatABetterPoseShows) {
+  const Pose rough, better{exp_so3({0, 0.03, 0}), {0.02, 0, 0}};  // 16 px apart
+  for (int i = 0; i < 200; ++i) {
+    const Vec3 p = anywhere_in_view();
+    const Descriptor d = test::random_descriptor(random);
+    add_point(inverse(better) * p, d);
+    see(p, d);
+  }
+  EXPECT_LT(match(rough), 100);
+  matcher.reproject(map, better);
+  EXPECT_EQ(matcher.match(map, frame, grid, {}, extractor, out), 200);
+  matcher.reproject(map, {exp_so3({0, M_PI, 0}), {}});
+  EXPECT_EQ(matcher.match(map, frame, grid, {}, extractor, out), 0) << "all is behind the camera now";
+}
+
 TEST_F(ProjectionMatcherTest, TheWindowLimitsPlaceDepthAndDescriptor) {
   add_point({0, 0, 2}, some);
   const auto matches_at = [&](Vec3 p, const Descriptor& d, SearchWindow window) {
