@@ -83,6 +83,7 @@ void BoxCarrier::update(const Detections& fresh, const Pose& T_odom_camera) {
     track.matched = true;
     Track* before = nearest(track);
     if (before == nullptr) {
+      if (d.score < least_score_) continue;
       static_cast<void>(tracks_.try_push_back(track));
       continue;
     }

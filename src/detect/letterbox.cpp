@@ -7,7 +7,9 @@
 namespace stillmap {
 
 Letterbox::Letterbox(int picture_width_px, int picture_height_px, int input_width_px, int input_height_px)
-    : picture_width(picture_width_px),
+    : input_width(input_width_px),
+      input_height(input_height_px),
+      picture_width(picture_width_px),
       picture_height(picture_height_px),
       scale(std::min(static_cast<double>(input_width_px) / picture_width_px,
                      static_cast<double>(input_height_px) / picture_height_px)) {

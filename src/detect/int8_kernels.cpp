@@ -1,0 +1,301 @@
+// SPDX-License-Identifier: Apache-2.0
+// Compiled once for each instruction set (STILLMAP_ISA), so nothing here may call code that others share:
+// the linker would keep one copy for all, perhaps the one that this CPU cannot run.
+#include "detect/int8_kernels.h"
+
+#if defined(__SSE2__)
+#include <immintrin.h>
+#elif defined(__ARM_NEON)
+#include <arm_neon.h>
+#endif
+
+namespace stillmap::STILLMAP_ISA {
+
+namespace {
+
+#if defined(__AVX512VNNI__)
+constexpr int kLanes = 16, kWide = 4, kTile = 6, kPerLane = 4;
+#elif defined(__AVX2__)
+constexpr int kLanes = 8, kWide = 2, kTile = 6, kPerLane = 2;
+#else
+constexpr int kLanes = 4, kWide = 2, kTile = 4, kPerLane = 2;
+#endif
+#if defined(__SSE2__) && !defined(__AVX2__)
+constexpr bool kManyRegisters = false;  // a kernel's weights would go to memory and back
+#else
+constexpr bool kManyRegisters = true;
+#endif
+using Whole = std::int32_t __attribute__((vector_size(4 * kLanes), may_alias));
+using Real = float __attribute__((vector_size(4 * kLanes)));
+using Bytes = std::int8_t __attribute__((vector_size(kLanes), may_alias));
+using Loose = float __attribute__((vector_size(4 * kLanes), aligned(4), may_alias));
+using LooseBytes = std::int8_t __attribute__((vector_size(kLanes), aligned(1), may_alias));
+
+/// Sums of products of the kPerLane channels in each lane.
+inline Whole dot(Whole sum, Whole x, Whole w) {
+#if defined(__AVX512VNNI__)
+  return reinterpret_cast<Whole>(_mm512_dpbusd_epi32(
+      reinterpret_cast<__m512i>(sum), reinterpret_cast<__m512i>(x), reinterpret_cast<__m512i>(w)));
+#elif defined(__AVX2__)
+  return sum + reinterpret_cast<Whole>(
+                   _mm256_madd_epi16(reinterpret_cast<__m256i>(x), reinterpret_cast<__m256i>(w)));
+#elif defined(__SSE2__)
+  return sum +
+         reinterpret_cast<Whole>(_mm_madd_epi16(reinterpret_cast<__m128i>(x), reinterpret_cast<__m128i>(w)));
+#elif defined(__ARM_NEON)
+  const int32x4_t low = vmull_s16(vget_low_s16((int16x8_t)x), vget_low_s16((int16x8_t)w));
+  const int32x4_t high = vmull_s16(vget_high_s16((int16x8_t)x), vget_high_s16((int16x8_t)w));
+  return sum + (Whole)vcombine_s32(vpadd_s32(vget_low_s32(low), vget_high_s32(low)),
+                                   vpadd_s32(vget_low_s32(high), vget_high_s32(high)));
+#else
+  // The upper half's weight, then the lower half's with its sign.
+  return sum + (x >> 16) * (w >> 16) + ((x << 16) >> 16) * ((w << 16) >> 16);
+#endif
+}
+
+/// kDenseBlock columns of every channel, those of one lane side by side; what is beyond the input is 0.
+void pack(const DenseJob& job, int first, int count) {
+#if defined(__AVX512VNNI__)
+  using Value = std::uint8_t;
+#else
+  using Value = std::int16_t;
+#endif
+  constexpr int kOffset = kPerLane == 4 ? 128 : 0;
+  const auto columns = static_cast<std::size_t>(job.columns);
+  Value* to = reinterpret_cast<Value*>(job.scratch);
+  for (int k = 0; k < job.depth; k += kPerLane, to += kDenseBlock * kPerLane) {
+    const std::int8_t* from[kPerLane];
+    std::int8_t rest[kPerLane][kDenseBlock];
+    for (int i = 0; i < kPerLane; ++i) {
+      from[i] = job.in + static_cast<std::size_t>(k + i) * columns + first;
+      if (k + i < job.depth && count == kDenseBlock) continue;
+      for (int x = 0; x < kDenseBlock; ++x)
+        rest[i][x] = k + i < job.depth && x < count ? from[i][x] : std::int8_t{};
+      from[i] = rest[i];
+    }
+    for (int x = 0; x < kDenseBlock; ++x) {
+      for (int i = 0; i < kPerLane; ++i) to[kPerLane * x + i] = static_cast<Value>(from[i][x] + kOffset);
+    }
+  }
+}
+
+/// sums[tile][columns] of kWide vectors of columns.
+inline void multiply(const std::int32_t* x, const std::int32_t* w, int groups, std::int32_t* sums) {
+  Whole acc[kTile][kWide] = {};
+  for (int g = 0; g < groups; ++g, x += kDenseBlock, w += kTile) {
+    const Whole* from = reinterpret_cast<const Whole*>(x);
+#pragma GCC unroll 8
+    for (int o = 0; o < kTile; ++o) {
+      const Whole weight = Whole{} + w[o];
+#pragma GCC unroll 8
+      for (int v = 0; v < kWide; ++v) acc[o][v] = dot(acc[o][v], from[v], weight);
+    }
+  }
+  for (int o = 0; o < kTile; ++o) {
+    for (int v = 0; v < kWide; ++v) reinterpret_cast<Whole*>(sums + o * kDenseBlock)[v] = acc[o][v];
+  }
+}
+
+/// One vector of sums, requantized but for the activation.
+inline Bytes narrow(Whole sum, float multiplier, int zero) {
+  constexpr float kRound = 12582912;  // adding 1.5 * 2^23 rounds, to even, to a whole number
+  const float low = static_cast<float>(-128 - zero), high = static_cast<float>(127 - zero);
+  Real value = __builtin_convertvector(sum, Real) * multiplier;
+  value = value < low ? Real{} + low : value;
+  value = value > high ? Real{} + high : value;
+  return __builtin_convertvector(reinterpret_cast<Whole>(value + kRound) - 0x4B400000 + zero, Bytes);
+}
+
+/// The activation of kDenseBlock values.
+inline void look_up(std::int8_t* values, const std::int8_t* lut) {
+#if defined(__AVX512VBMI__)
+  const __m512i index = _mm512_xor_si512(_mm512_loadu_si512(values), _mm512_set1_epi8(-128));
+  const auto table = [&](int part) { return _mm512_loadu_si512(lut + 64 * part); };
+  const __m512i low = _mm512_permutex2var_epi8(table(0), index, table(1));
+  const __m512i high = _mm512_permutex2var_epi8(table(2), index, table(3));
+  _mm512_storeu_si512(values, _mm512_mask_blend_epi8(_mm512_movepi8_mask(index), low, high));
+#else
+  for (int i = 0; i < kDenseBlock; ++i) values[i] = lut[values[i] + 128];
+#endif
+}
+
+void dense(const DenseJob& job) {
+  const int groups = (job.depth + kPerLane - 1) / kPerLane;
+  alignas(64) std::int32_t sums[kTile * kDenseBlock];
+  alignas(64) std::int8_t bytes[kDenseBlock] = {};
+  for (int first = 0; first < job.columns; first += kDenseBlock) {
+    const int count = job.columns - first < kDenseBlock ? job.columns - first : kDenseBlock;
+    pack(job, first, count);
+    for (int o = 0; o < job.outputs; o += kTile) {
+      const std::int32_t* weights = job.weights + static_cast<std::ptrdiff_t>(o) * groups;
+      for (int x = 0; x < count; x += kWide * kLanes) multiply(job.scratch + x, weights, groups, sums + x);
+      for (int t = 0; t < kTile && o + t < job.outputs; ++t) {
+        for (int x = 0; x < count; x += kLanes) {
+          const Whole sum =
+              *reinterpret_cast<const Whole*>(sums + t * kDenseBlock + x) + job.after.bias[o + t];
+          *reinterpret_cast<Bytes*>(bytes + x) = narrow(sum, job.after.multiplier[o + t], job.after.zero);
+        }
+        if (job.after.lut != nullptr) look_up(bytes, job.after.lut);
+        std::int8_t* out = job.out + static_cast<std::ptrdiff_t>(o + t) * job.columns + first;
+        __builtin_memcpy(out, bytes, static_cast<std::size_t>(count));
+      }
+    }
+  }
+}
+
+/// Values as floats, one after the other.
+inline void widen(const std::int8_t* from, int count, float* to) {
+  const auto at = [&](int i) {
+    const Bytes bytes = *reinterpret_cast<const LooseBytes*>(from + i);
+    *reinterpret_cast<Loose*>(to + i) = __builtin_convertvector(bytes, Real);
+  };
+  int i = 0;
+  for (; i + kLanes <= count; i += kLanes) at(i);
+  if (i < count && count >= kLanes) {
+    at(count - kLanes);
+    return;
+  }
+  for (; i < count; ++i) to[i] = static_cast<float>(from[i]);
+}
+
+/// One channel as floats between its margins, every stride-th column side by side:
+/// scratch[row][phase][column].
+inline void spread(const DepthwiseJob& job, const std::int8_t* in) {
+  const int step = job.stride;
+  const auto pitch = static_cast<int>(job.scratch_pitch);
+  const int last = job.scratch_rows - job.pad_y < job.height ? job.scratch_rows - job.pad_y : job.height;
+  for (int phase = 0; phase < step; ++phase) {
+    // Column c holds the picture's column c * step + phase - pad.
+    const int shift = job.pad_x - phase;
+    const int first = shift > 0 ? (shift + step - 1) / step : 0;
+    const int reach = (job.width + shift + step - 1) / step;
+    const int count = (reach < pitch ? reach : pitch) - first;
+    for (int y = 0; y < last; ++y) {
+      float* to = job.scratch + static_cast<std::ptrdiff_t>((y + job.pad_y) * step + phase) * pitch + first;
+      const std::int8_t* from = in + static_cast<std::ptrdiff_t>(y) * job.width + first * step - shift;
+      if (step == 1) {
+        widen(from, count, to);
+      } else if (step == 2) {
+        for (int c = 0; c < count; ++c) to[c] = static_cast<float>(from[c * 2]);
+      } else {
+        for (int c = 0; c < count; ++c) to[c] = static_cast<float>(from[c * step]);
+      }
+    }
+  }
+}
+
+/// How far each weight's value lies from the first, in scratch.
+struct Offsets {
+  std::ptrdiff_t of[kMostTaps];
+  explicit Offsets(const DepthwiseJob& job) {
+    const auto pitch = static_cast<std::ptrdiff_t>(job.scratch_pitch);
+    for (int tap = 0; tap < job.kernel_width * job.kernel_height; ++tap) {
+      const int kx = tap % job.kernel_width, ky = tap / job.kernel_width;
+      of[tap] = (ky * job.stride + kx % job.stride) * pitch + kx / job.stride;
+    }
+  }
+};
+
+/// The sums of kLanes columns in kDepthwiseRows rows, any kernel; `corner` is the first value that they see.
+inline void sum_any(const DepthwiseJob& job, const Offsets& offsets, const float* weights,
+                    const float* corner, Real* sums) {
+  const std::ptrdiff_t row = static_cast<std::ptrdiff_t>(job.scratch_pitch) * job.stride * job.stride;
+  Real acc[kDepthwiseRows] = {};
+  for (int tap = 0; tap < job.kernel_width * job.kernel_height; ++tap) {
+    const float* from = corner + offsets.of[tap];
+#pragma GCC unroll 4
+    for (int r = 0; r < kDepthwiseRows; ++r)
+      acc[r] += weights[tap] * *reinterpret_cast<const Loose*>(from + r * row);
+  }
+  for (int r = 0; r < kDepthwiseRows; ++r) sums[r] = acc[r];
+}
+
+/// The same for the usual kernels: each value is loaded once for all rows that it counts in.
+template <int kSize, int kStep>
+inline void sum_square(const Real* weights, const float* corner, std::ptrdiff_t pitch, Real* sums) {
+  Real acc[kDepthwiseRows] = {};
+#pragma GCC unroll 16
+  for (int row = 0; row < (kDepthwiseRows - 1) * kStep + kSize; ++row) {
+#pragma GCC unroll 8
+    for (int kx = 0; kx < kSize; ++kx) {
+      const Real value =
+          *reinterpret_cast<const Loose*>(corner + (row * kStep + kx % kStep) * pitch + kx / kStep);
+#pragma GCC unroll 4
+      for (int r = 0; r < kDepthwiseRows; ++r) {
+        const int ky = row - r * kStep;
+        if (ky >= 0 && ky < kSize) acc[r] += weights[ky * kSize + kx] * value;
+      }
+    }
+  }
+  for (int r = 0; r < kDepthwiseRows; ++r) sums[r] = acc[r];
+}
+
+/// The rows from `y` on of one channel into out[kDepthwiseRows][columns], before the activation.
+template <int kSize, int kStep>
+inline void strip(const DepthwiseJob& job, const Offsets& offsets, int channel, int y, int columns,
+                  std::int8_t* out) {
+  const float* weights =
+      job.weights + static_cast<std::ptrdiff_t>(channel) * job.kernel_width * job.kernel_height;
+  const float multiplier = job.after.multiplier[channel];
+  const auto pitch = static_cast<std::ptrdiff_t>(job.scratch_pitch);
+  const float* left = job.scratch + static_cast<std::ptrdiff_t>(y) * job.stride * job.stride * pitch;
+  Real spread_weights[kSize * kSize + 1];
+  for (int i = 0; i < kSize * kSize; ++i) spread_weights[i] = Real{} + weights[i];
+  for (int x = 0; x < columns; x += kLanes) {
+    Real sums[kDepthwiseRows];
+    if constexpr (kSize > 0) {
+      sum_square<kSize, kStep>(spread_weights, left + x, pitch, sums);
+    } else {
+      sum_any(job, offsets, weights, left + x, sums);
+    }
+    for (int r = 0; r < kDepthwiseRows; ++r) {
+      const Whole sum = __builtin_convertvector(sums[r], Whole) + job.after.bias[channel];
+      *reinterpret_cast<Bytes*>(out + r * columns + x) = narrow(sum, multiplier, job.after.zero);
+    }
+  }
+}
+
+template <int kSize, int kStep>
+void depthwise_of(const DepthwiseJob& job) {
+  const int columns = (job.out_width + kDepthwiseColumns - 1) / kDepthwiseColumns * kDepthwiseColumns;
+  const Offsets offsets(job);
+  const std::size_t floats = job.scratch_pitch * static_cast<std::size_t>(job.scratch_rows * job.stride);
+  std::int8_t* bytes = reinterpret_cast<std::int8_t*>(job.scratch + floats);
+  for (std::size_t i = 0; i < floats; ++i) job.scratch[i] = static_cast<float>(job.in_zero);
+  for (int c = 0; c < job.channels; ++c) {
+    spread(job, job.in + static_cast<std::ptrdiff_t>(c) * job.width * job.height);
+    std::int8_t* out = job.out + static_cast<std::ptrdiff_t>(c) * job.out_width * job.out_height;
+    for (int y = 0; y < job.out_height; y += kDepthwiseRows) {
+      strip<kSize, kStep>(job, offsets, c, y, columns, bytes);
+      if (job.after.lut != nullptr) {
+        for (int i = 0; i < kDepthwiseRows * columns; i += kDenseBlock) look_up(bytes + i, job.after.lut);
+      }
+      for (int r = 0; r < kDepthwiseRows && y + r < job.out_height; ++r) {
+        __builtin_memcpy(out + static_cast<std::ptrdiff_t>(y + r) * job.out_width, bytes + r * columns,
+                         static_cast<std::size_t>(job.out_width));
+      }
+    }
+  }
+}
+
+void depthwise(const DepthwiseJob& job) {
+  const bool square = kManyRegisters && job.kernel_width == job.kernel_height;
+  const int size = square ? job.kernel_width : 0;
+  if (size == 3 && job.stride == 1) {
+    depthwise_of<3, 1>(job);
+  } else if (size == 3 && job.stride == 2) {
+    depthwise_of<3, 2>(job);
+  } else if (size == 5 && job.stride == 1) {
+    depthwise_of<5, 1>(job);
+  } else if (size == 5 && job.stride == 2) {
+    depthwise_of<5, 2>(job);
+  } else {
+    depthwise_of<0, 1>(job);
+  }
+}
+
+}  // namespace
+
+const Int8Kernels kernels{STILLMAP_ISA_NAME, kPerLane, kTile, kPerLane == 4 ? 128 : 0, dense, depthwise};
+
+}  // namespace stillmap::STILLMAP_ISA
