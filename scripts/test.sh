@@ -94,7 +94,7 @@ step "demo" scripts/demo.sh --frames 60 --out build/demo
 asan_programs=(core_test detect_test segment_test map_test stream_test eval_test tum_log_test)
 asan_tests=(-R '^(core_test|detect_test|segment_test|map_test|stream_test|eval_test|tum_log_test)\.' -E 'SegmentWalkers\.Detected')
 tsan_programs=(core_test stream_test runtime_test)
-tsan_tests=(-R '^(core_test\.|stream_test\.|runtime_test\.(Waker|Realtime|Lockstep|Health|RunCounters))')
+tsan_tests=(-R '^(core_test\.|stream_test\.|runtime_test\.(Waker|Threads|Lockstep|Health|RunCounters))')
 if [ "$full" = yes ]; then
   asan_programs=(all) asan_tests=() tsan_programs=(all) tsan_tests=()
 fi

@@ -40,7 +40,6 @@ constexpr std::array<std::pair<const char*, DynamicRule>, 3> kRules{
 std::vector<Key> describe(Config& c) {
   return {
       {"runtime.seed", &c.runtime.seed, "", "decides every random sample", 0, 9e15},
-      {"runtime.frame_pool", &c.runtime.frame_pool, "frames", "frames in flight between the stages", 8, 64},
       {"memory.budget_mb", &c.memory.budget_mb, "MB", "a plan above this is refused", 16, 65536},
       {"camera.name", &c.mount.name, "", "for people"},
       {"camera.width", &c.camera.width, "px", "picture width", 160, 1280, true},

@@ -19,7 +19,6 @@ namespace stillmap {
 struct Config {
   struct Runtime {
     std::int64_t seed = 1;
-    int frame_pool = 14;
   } runtime;
   struct Memory {
     double budget_mb = 160;

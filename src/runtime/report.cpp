@@ -63,6 +63,7 @@ Json memory_part(const RunContext& context, const ReportFacts& facts) {
   add(context.stages.track.tracker().point_usage());
   add(context.stages.track.tracker().keyframe_usage());
   add(context.stages.map.map().usage());
+  add(context.track_log.causal.usage("trajectory"));
   return {{"planned_bytes", facts.planned_bytes},
           {"rss_start_kb", facts.rss_start_kb},
           {"rss_end_kb", resident_kb()},
@@ -111,7 +112,7 @@ std::string make_report(const RunContext& context, const ReportFacts& facts) {
   const BoxSupply& boxes = context.stages.track.box_supply();
   Json report;
   report["version"] = 1;
-  report["mode"] = context.options.mode == RunMode::Lockstep ? "lockstep" : "realtime";
+  report["mode"] = to_string(context.mode);
   report["source"] = facts.source;
   report["seed"] = context.config.runtime.seed;
   report["git_revision"] = kGitRevision;

@@ -14,14 +14,22 @@
 
 namespace stillmap {
 
-/// Everything a running pipeline works with; owned by `run`. Both modes drive the same stages through it.
+/// Everything a running pipeline works with; owned by `run`. Every mode drives the same stages through it.
 struct RunContext {
-  RunContext(const Config& c, const RunOptions& o, RgbdDriver& d, Detector* n, Stages& s,
+  RunContext(const Config& c, const RunOptions& o, RunMode m, RgbdDriver& d, Detector* n, Stages& s,
              const std::atomic<bool>& stopping)
-      : config(c), options(o), driver(d), detector(n), stages(s), stop(stopping) {}
+      : config(c),
+        options(o),
+        mode(m),
+        driver(d),
+        detector(n),
+        stages(s),
+        stop(stopping),
+        track_log(s.trajectory) {}
 
   const Config& config;
   const RunOptions& options;
+  const RunMode mode;
   RgbdDriver& driver;
   Detector* detector;  ///< null: none
   Stages& stages;
@@ -37,7 +45,7 @@ struct RunContext {
   EventRing& events_of(Stage stage) { return events[static_cast<std::size_t>(stage)]; }
 };
 
-/// One frame through tracking, with its counts, events and stream: what both modes do on their track thread.
+/// One frame through tracking, with its counts, events and stream: what every mode does on its track thread.
 /// True when the frame has a pose.
 bool track_frame(RunContext& context, const FrameSlot& frame);
 
@@ -46,7 +54,7 @@ bool detect_frame(RunContext& context, const FrameSlot& frame, Detections& out);
 
 /// Deterministic, on the calling thread, until the source ends or `stop`.
 void run_lockstep(RunContext& context);
-/// One thread per stage, on the wall clock, until the source ends or `stop`.
-void run_realtime(RunContext& context);
+/// One thread per stage, in every other mode, until the source ends or `stop`.
+void run_threads(RunContext& context);
 
 }  // namespace stillmap

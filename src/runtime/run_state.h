@@ -4,7 +4,7 @@
 #include <array>
 #include <atomic>
 #include <cstdint>
-#include <vector>
+#include <span>
 
 #include "core/event.h"
 #include "core/fixed_vector.h"
@@ -50,7 +50,9 @@ struct RunCounters {
 
 /// What the track thread keeps of a run for its outputs. One thread until the run ends.
 struct TrackLog {
-  std::vector<StampedPose> causal;  ///< each pose as first published; reserved at start for a log's length
+  explicit TrackLog(std::span<StampedPose> room) : causal(room) {}
+
+  ArenaVector<StampedPose> causal;  ///< each pose as first published, as far as there is room
   LatencyHistogram capture_to_pose, track_time;
   Nanoseconds first_pose_ns = 0;  ///< monotonic; 0 = none yet
 

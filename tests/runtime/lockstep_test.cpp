@@ -28,14 +28,14 @@ struct Finished {
 Finished run_once(int delay, int every, bool with_detector) {
   auto driver = wall_driver(true, wall_frames(kFrames));
   RunOptions options;
-  options.detector_delay = delay;
-  options.detector_every = every;
+  options.detector = {delay, every};
   Pipeline pipeline(driver, options, with_detector);
   run_lockstep(*pipeline.context);
   pipeline.expect_accounted();
   EXPECT_EQ(pipeline.context->counters.processed.load(), static_cast<std::uint64_t>(kFrames));
   EXPECT_TRUE(run_outcome(*pipeline.context).ok());
-  Finished out{pipeline.context->track_log.causal,
+  const auto& causal = pipeline.context->track_log.causal;
+  Finished out{{causal.begin(), causal.end()},
                {},
                pipeline.stages->track.box_supply(),
                pipeline.stages->map.counts(),
