@@ -44,6 +44,7 @@ void run_lockstep(RunContext& context) {
   Health health(context);
   const DetectorTiming& timing = context.options.detector;
   DelayedDetections delayed(timing.delay);
+  health.ready();
   for (std::uint64_t n = 0; !context.stop.load(std::memory_order_relaxed);) {
     health.tick();
     FrameHandle frame;
@@ -86,6 +87,7 @@ void run_lockstep(RunContext& context) {
     }
     ++n;
   }
+  health.stopping();
   health.finish();
 }
 

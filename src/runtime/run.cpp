@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/run.h"
 
+#include <malloc.h>
 #include <spdlog/sinks/stdout_sinks.h>
 #include <spdlog/spdlog.h>
 
@@ -11,6 +12,7 @@
 #include "detect/model_file.h"
 #include "eval/accuracy.h"
 #include "map/ply.h"
+#include "runtime/memory_lock.h"
 #include "runtime/memory_use.h"
 #include "runtime/output_file.h"
 #include "runtime/report.h"
@@ -45,8 +47,9 @@ double process_cpu_s() {
 }
 
 /// Refuses before the run what could only fail after it.
-Status check_outputs(const RunOptions& o) {
-  for (const std::string* path : {&o.trajectory, &o.trajectory_final, &o.map, &o.report}) {
+Status check_outputs(const RunOptions& o, const Config& config) {
+  for (const std::string* path :
+       {&o.trajectory, &o.trajectory_final, &o.map, &o.report, &config.runtime.flight_recorder}) {
     if (path->empty()) continue;
     if (Status s = check_writable(*path); !s.ok()) return s;
   }
@@ -159,13 +162,14 @@ Status run(const RunOptions& options) {
   const Nanoseconds process_start_ns = monotonic_now();
   stop_requested.store(false);
   handle_signals();
+  mallopt(M_ARENA_MAX, 2);  // else each thread that allocates gets an arena of its own, which never shrinks
   spdlog::set_default_logger(
       std::make_shared<spdlog::logger>("stillmap", std::make_shared<spdlog::sinks::stderr_sink_mt>()));
   const Result<LoadedConfig> loaded = load_config(options.configs, options.overrides);
   if (!loaded.ok()) return loaded.error();
   Config config = loaded.value().config;
   if (!options.listen.empty()) config.stream.listen = options.listen;
-  if (Status s = check_outputs(options); !s.ok()) return s;
+  if (Status s = check_outputs(options, config); !s.ok()) return s;
 
   std::vector<StampedPose> groundtruth;
   if (!options.groundtruth.empty()) {
@@ -212,6 +216,9 @@ Status run(const RunOptions& options) {
   const auto context = std::make_unique<RunContext>(config, options, mode, *source.value().driver,
                                                     detector.get(), *stages, stop_requested);
   if (Status s = source.value().driver->start(); !s.ok()) return s;
+  if (config.memory.lock) {
+    if (const std::string warning = lock_memory(); !warning.empty()) spdlog::warn("{}", warning);
+  }
 
   ReportFacts facts;
   facts.source = options.source;

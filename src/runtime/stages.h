@@ -7,6 +7,7 @@
 #include "core/config.h"
 #include "core/frame_pool.h"
 #include "eval/trajectory.h"
+#include "runtime/flight_recorder.h"
 #include "runtime/frame_budget.h"
 #include "runtime/map_stage.h"
 #include "runtime/track_stage.h"
@@ -32,6 +33,9 @@ struct Stages {
         rays(arena, config.camera),
         track(arena, config),
         map(arena, config, rays, parts.detector),
+        flight(arena.take<FlightFrame>(
+            "flight_recorder",
+            config.runtime.flight_recorder.empty() ? 0 : FlightRecorder::frames_for(config.mount.fps))),
         trajectory(arena.take<StampedPose>("trajectory", parts.trajectory_poses)) {
     if (parts.stream) stream.emplace(config.stream, arena);
   }
@@ -40,6 +44,7 @@ struct Stages {
   RayTable rays;
   TrackStage track;
   MapStage map;
+  std::span<FlightFrame> flight;
   std::span<StampedPose> trajectory;  ///< room for what the run's outputs tell of its poses
   std::optional<StreamServer> stream;
 };

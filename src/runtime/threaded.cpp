@@ -1,9 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <pthread.h>
-#include <sys/resource.h>
-
 #include <algorithm>
-#include <thread>
 #include <utility>
 
 #include "core/latest_value.h"
@@ -12,6 +8,7 @@
 #include "runtime/health.h"
 #include "runtime/heap_count.h"
 #include "runtime/run_context.h"
+#include "runtime/threads.h"
 #include "runtime/waker.h"
 
 namespace stillmap {
@@ -41,14 +38,10 @@ struct Lanes {
   LatestValue<Detections> boxes_to_track;
   SpscRing<DetectedFrame, kDetectedRing> boxes_to_map;
   SpscRing<MapItem, kMapRing> to_map;
-  Waker decode_waker, capture_waker, track_waker, detect_waker, map_waker;
-  std::atomic<bool> detect_end{false}, stream_end{false};
+  Waker decode_waker, capture_waker, track_waker, detect_waker, map_waker, main_waker;
+  std::atomic<bool> capture_done{false}, detect_end{false}, stream_end{false};
   std::atomic<std::uint64_t> never_due{0};  // frames read ahead of a stop, which nobody gets
 };
-
-void name_thread(const char* name) {
-  pthread_setname_np(pthread_self(), name);
-}
 
 /// Pushes when there is room; who takes from the ring wakes `self`. False, without a push, on a wish to stop.
 template <class Ring, class Item>
@@ -66,7 +59,6 @@ bool push_waiting(Ring& ring, Item&& item, Waker& consumer, Waker& self, const s
 
 /// A log's frames, ahead of their time.
 void decode_thread(RunContext& context, Lanes& lanes) {
-  name_thread("decode");
   Capture capture(context.driver, context.stages.frames, context.counters, context.capture_log,
                   context.options.duration_s);
   for (bool more = true; more && !context.stop.load(std::memory_order_relaxed);) {
@@ -92,6 +84,7 @@ void decode_thread(RunContext& context, Lanes& lanes) {
 
 /// The next frame of a log, when it has been decoded. False at the end.
 bool next_decoded(RunContext& context, Lanes& lanes, FrameHandle& out) {
+  const AtWork waiting(context, Stage::Capture);
   while (!context.stop.load(std::memory_order_relaxed)) {
     const std::uint32_t ticket = lanes.capture_waker.ticket();
     if (auto item = lanes.decoded.try_pop()) {
@@ -119,7 +112,8 @@ bool offer_frame(RunContext& context, Lanes& lanes, FrameHandle frame) {
     context.counters.drop(DropReason::TrackerBehind);
     return true;
   }
-  if (context.detector != nullptr) {
+  const int every = quality_now(context).detector_every;
+  if (context.detector != nullptr && for_detector->sequence % static_cast<std::uint64_t>(every) == 0) {
     lanes.to_detect.publish(std::move(for_detector));
     lanes.detect_waker.wake();
   }
@@ -153,26 +147,31 @@ void play_log(RunContext& context, Lanes& lanes) {
 void play_camera(RunContext& context, Lanes& lanes) {
   Capture capture(context.driver, context.stages.frames, context.counters, context.capture_log,
                   context.options.duration_s);
-  while (!context.stop.load(std::memory_order_relaxed)) {
+  for (;;) {
     FrameHandle frame;
-    const Capture::Outcome outcome = capture.next(frame, monotonic_now() + 100 * kMillisecond);
-    if (outcome == Capture::Outcome::Nothing) continue;
-    if (outcome != Capture::Outcome::Frame) {
+    {
+      const AtWork waiting(context, Stage::Capture);
+      Capture::Outcome outcome = Capture::Outcome::Nothing;
+      while (outcome == Capture::Outcome::Nothing) {
+        if (context.stop.load(std::memory_order_relaxed)) return;
+        outcome = capture.next(frame, monotonic_now() + 100 * kMillisecond);
+      }
       context.source_lost = outcome == Capture::Outcome::Lost;
-      return;
+      if (outcome != Capture::Outcome::Frame) return;
     }
     offer_frame(context, lanes, std::move(frame));
   }
 }
 
 void capture_thread(RunContext& context, Lanes& lanes) {
-  name_thread("capture");
   if (context.driver.describe().is_log) {
     play_log(context, lanes);
   } else {
     play_camera(context, lanes);
   }
   push_waiting(lanes.to_track, Lanes::FrameItem{{}, true}, lanes.track_waker, lanes.capture_waker, nullptr);
+  lanes.capture_done.store(true, std::memory_order_release);
+  lanes.main_waker.wake();
 }
 
 /// The newest frame of the tracker's ring; in fast mode the next. Those that it skips are counted.
@@ -193,7 +192,7 @@ FrameHandle next_to_track(RunContext& context, Lanes& lanes, bool& end) {
 }
 
 void track_thread(RunContext& context, Lanes& lanes) {
-  name_thread("track");
+  std::uint64_t behind_before = 0;
   for (bool end = false; !end;) {
     const std::uint32_t ticket = lanes.track_waker.ticket();
     const FrameHandle frame = next_to_track(context, lanes, end);
@@ -201,15 +200,22 @@ void track_thread(RunContext& context, Lanes& lanes) {
       if (!end) lanes.track_waker.wait(ticket, kIdleWait);
       continue;
     }
-    if (lanes.boxes_to_track.refresh()) context.stages.track.take_boxes(lanes.boxes_to_track.value());
-    if (!track_frame(context, *frame)) continue;
     Lanes::MapItem item;
-    context.stages.track.fill_posed(frame, item.posed);
-    if (context.mode == RunMode::Fast) {
+    {
+      const AtWork working(context, Stage::Track);
+      if (lanes.boxes_to_track.refresh()) context.stages.track.take_boxes(lanes.boxes_to_track.value());
+      if (track_frame(context, *frame)) context.stages.track.fill_posed(frame, item.posed);
+    }
+    bool fits = true;
+    if (item.posed.frame && context.mode == RunMode::Fast) {
       push_waiting(lanes.to_map, std::move(item), lanes.map_waker, lanes.track_waker, nullptr);
-    } else if (lanes.to_map.try_push(std::move(item))) {
+    } else if (item.posed.frame) {
+      fits = lanes.to_map.try_push(std::move(item));
       lanes.map_waker.wake();
     }
+    const std::uint64_t behind = context.counters.dropped_for(DropReason::TrackerBehind);
+    if (context.mode != RunMode::Fast) adapt_quality(context, *frame, !fits || behind != behind_before);
+    behind_before = behind;
   }
   lanes.detect_end.store(true, std::memory_order_release);
   lanes.detect_waker.wake();
@@ -217,14 +223,13 @@ void track_thread(RunContext& context, Lanes& lanes) {
 }
 
 void detect_thread(RunContext& context, Lanes& lanes) {
-  name_thread("detect");
-  setpriority(PRIO_PROCESS, 0, 10);  // of this thread alone: the last to get a core that is short
   while (!lanes.detect_end.load(std::memory_order_acquire)) {
     const std::uint32_t ticket = lanes.detect_waker.ticket();
     if (!lanes.to_detect.refresh()) {
       lanes.detect_waker.wait(ticket, kIdleWait);
       continue;
     }
+    const AtWork working(context, Stage::Detect);
     DetectedFrame detected;
     detected.frame = std::move(lanes.to_detect.value());
     if (!detect_frame(context, *detected.frame, detected.boxes)) continue;
@@ -236,37 +241,51 @@ void detect_thread(RunContext& context, Lanes& lanes) {
 }
 
 void map_thread(RunContext& context, Lanes& lanes) {
-  name_thread("map");
   const HeapScope scope(HeapOwner::Map);
   std::optional<DetectedFrame> held;  // its frame has not come from the tracker yet
   std::uint64_t newest = 0;
   for (bool end = false; !end;) {
     const std::uint32_t ticket = lanes.map_waker.ticket();
     bool idle = true;
+    context.stages.map.set_fuse_factor(quality_now(context).fuse_factor);
     while (auto item = lanes.to_map.try_pop()) {
       lanes.track_waker.wake();
       idle = false;
       end |= item->end;
       if (!item->posed.frame) continue;
+      const AtWork working(context, Stage::Map);
       newest = item->posed.frame->sequence;
       context.stages.map.take_frame(std::move(item->posed));
     }
     if (!held) held = lanes.boxes_to_map.try_pop();
     if (held && (held->frame->sequence <= newest || end)) {
+      const AtWork working(context, Stage::Map);
       context.stages.map.take_detected(std::move(*held));
       held.reset();
       idle = false;
     }
     context.counters.blocks.note(context.stages.map.map().usage());
-    if (context.stages.stream) context.stages.map.answer_cloud_request(*context.stages.stream);
+    if (context.stages.stream) {
+      const AtWork working(context, Stage::Map);
+      context.stages.map.answer_cloud_request(*context.stages.stream);
+    }
     if (idle && !end) lanes.map_waker.wait(ticket, kIdleWait);
   }
 }
 
 void stream_thread(RunContext& context, Lanes& lanes) {
-  name_thread("stream");
   const HeapScope scope(HeapOwner::Stream);
-  while (!lanes.stream_end.load(std::memory_order_acquire)) context.stages.stream->service(20);
+  while (!lanes.stream_end.load(std::memory_order_acquire)) {
+    const AtWork working(context, Stage::Stream);
+    context.stages.stream->service(20);
+  }
+}
+
+void note_rings(RunContext& context, const Lanes& lanes) {
+  context.counters.read_ahead.note(lanes.decoded.usage("read_ahead"));
+  context.counters.track_ring.note(lanes.to_track.usage("track_ring"));
+  context.counters.map_ring.note(lanes.to_map.usage("map_ring"));
+  context.counters.detected_ring.note(lanes.boxes_to_map.usage("detected_ring"));
 }
 
 }  // namespace
@@ -274,34 +293,41 @@ void stream_thread(RunContext& context, Lanes& lanes) {
 void run_threads(RunContext& context) {
   Lanes lanes;
   Health health(context);
-  std::atomic<bool> work_done{false};
-  std::thread stream;
-  if (context.stages.stream) stream = std::thread([&] { stream_thread(context, lanes); });
-  std::thread map([&] { map_thread(context, lanes); });
-  std::thread detect;
-  if (context.detector != nullptr) detect = std::thread([&] { detect_thread(context, lanes); });
-  std::thread track([&] { track_thread(context, lanes); });
-  std::thread decode;
-  if (context.driver.describe().is_log) decode = std::thread([&] { decode_thread(context, lanes); });
-  std::thread capture([&] {
-    capture_thread(context, lanes);
-    work_done.store(true, std::memory_order_release);
-  });
-  Waker idle;
-  while (!work_done.load(std::memory_order_acquire)) {
+  std::vector<std::string> warnings;
+  const Config::Threads usable = usable_threads(context.config.threads, warnings);
+  for (const std::string& warning : warnings) health.warn(warning);
+  StageThread decode, capture, track, detect, map, stream;
+  const auto start = [&](StageThread& thread, ThreadRole role, void (*body)(RunContext&, Lanes&)) {
+    thread.start(role, usable, context.config.memory.lock,
+                 [&context, &lanes, body] { body(context, lanes); });
+  };
+  if (context.stages.stream) start(stream, ThreadRole::Stream, stream_thread);
+  start(map, ThreadRole::Map, map_thread);
+  if (context.detector != nullptr) start(detect, ThreadRole::Detect, detect_thread);
+  start(track, ThreadRole::Track, track_thread);
+  start(capture, ThreadRole::Capture, capture_thread);
+  if (context.driver.describe().is_log) start(decode, ThreadRole::Decode, decode_thread);
+  health.ready();
+  while (!lanes.capture_done.load(std::memory_order_acquire)) {
+    note_rings(context, lanes);
     health.tick();
-    idle.wait(idle.ticket(), 100 * kMillisecond);
+    const std::uint32_t ticket = lanes.main_waker.ticket();
+    if (!lanes.capture_done.load(std::memory_order_acquire))
+      lanes.main_waker.wait(ticket, 100 * kMillisecond);
   }
-  if (decode.joinable()) decode.join();
+  health.stopping();
+  decode.join();
   capture.join();
   track.join();
-  if (detect.joinable()) detect.join();
+  detect.join();
   map.join();
   while (auto item = lanes.decoded.try_pop()) lanes.never_due += item->frame ? 1 : 0;
   context.counters.offered -= lanes.never_due;
+  context.counters.detector_skipped = lanes.to_detect.displaced();
+  note_rings(context, lanes);
   // What the detector finished after the map had ended is let go of here, with the lanes.
   lanes.stream_end.store(true, std::memory_order_release);
-  if (stream.joinable()) stream.join();
+  stream.join();
   health.finish();
 }
 

@@ -170,6 +170,9 @@ class Check(ProgramTest):
     def test_every_shipped_profile(self):
         for camera in (SOURCE / "firmware-config/cameras").glob("*.toml"):
             self.assertEqual(stillmap("check", "--config", camera).returncode, DONE, camera)
+        for board in (SOURCE / "firmware-config/boards").glob("*.toml"):
+            result = stillmap("plan", *CAMERA, "--config", board)  # and what it plans is within its own budget
+            self.assertEqual(result.returncode, DONE, result.stderr)
 
     def test_dump_says_every_key_and_where_it_came_from(self):
         own = self.path / "own.toml"

@@ -111,6 +111,18 @@ TEST(Lockstep, NoUsableFrameIsUnreadableInput) {
   pipeline.expect_accounted();
 }
 
+TEST(Lockstep, NeverSheds) {
+  Config config = WallScene::config();
+  config.mount.fps = 240;  // a deadline that no frame keeps
+  auto driver = wall_driver(true, wall_frames(60));
+  Pipeline pipeline(driver, {}, false, config);
+  pipeline.context->on_work = [](Stage) { ADD_FAILURE() << "no threads, no watchdog"; };
+  run_lockstep(*pipeline.context);
+  EXPECT_EQ(pipeline.context->counters.quality_lowered.load(), 0u);
+  EXPECT_EQ(pipeline.context->counters.frames_shed.load(), 0u);
+  EXPECT_EQ(pipeline.context->quality.load(), 0);
+}
+
 TEST(Lockstep, EndsWhenAsked) {
   auto driver = wall_driver(true, wall_frames(100'000));
   Pipeline pipeline(driver);

@@ -183,6 +183,95 @@ TEST(Threads, FastStopsWithinTwoSecondsAndCountsWhatWasOffered) {
   }
 }
 
+/// Holds stages up at their next piece of work.
+class Gate {
+ public:
+  explicit Gate(RunContext& context) {
+    context.on_work = [this](Stage stage) {
+      std::atomic<bool>& held = held_[static_cast<std::size_t>(stage)];
+      while (held.load()) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    };
+  }
+  void hold(Stage stage) { held_[static_cast<std::size_t>(stage)] = true; }
+  void release_all() {
+    for (auto& held : held_) held = false;
+  }
+
+ private:
+  std::array<std::atomic<bool>, kStageCount> held_{};
+};
+
+void wait_until(const std::function<bool()>& good) {
+  while (!good()) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+}
+
+TEST(Threads, CaptureNeverStarvesWhileEveryConsumerHoldsAllItMay) {
+  std::vector<Grab> grabs = wall_frames(400);
+  for (Grab& g : grabs) g.takes_ns = 2 * kMillisecond;
+  auto driver = wall_driver(false, grabs);
+  Pipeline pipeline(driver, {}, true);
+  RunContext& context = *pipeline.context;
+  Gate gate(context);
+  Running running(pipeline);
+  running.wait_for_frames(1);
+  gate.hold(Stage::Detect);
+  gate.hold(Stage::Map);
+  const std::uint64_t tracked = context.counters.processed.load();
+  running.wait_for_frames(tracked + 8);  // whatever the map's ring has no room for is not waited for
+  gate.hold(Stage::Track);
+  const std::uint64_t offered = context.counters.offered.load();
+  wait_until([&] { return context.counters.offered.load() >= offered + 30; });
+  EXPECT_EQ(pipeline.dropped(DropReason::NoFreeSlot), 0u);
+  EXPECT_GT(pipeline.dropped(DropReason::TrackerBehind), 0u);
+  gate.release_all();
+  running.thread.join();
+  EXPECT_EQ(context.counters.offered.load(), 400u);
+  EXPECT_GE(pipeline.stages->frames.usage().high_water, 7u);  // some hold one frame together
+  EXPECT_GT(context.counters.map_ring.refused.load(), 0u);
+  EXPECT_EQ(pipeline.dropped(DropReason::NoFreeSlot), 0u);
+  pipeline.expect_accounted();
+}
+
+TEST(Threads, EachStageThatIsHeldUpIsNamedAndTheRunGoesOn) {
+  for (const Stage stage : {Stage::Capture, Stage::Track, Stage::Detect, Stage::Map}) {
+    auto driver = wall_driver(true, wall_frames(100'000));
+    Pipeline pipeline(driver, {}, true);
+    RunContext& context = *pipeline.context;
+    Gate gate(context);
+    Running running(pipeline);
+    running.wait_for_frames(2);
+    gate.hold(stage);
+    const auto late = [&](Stage s) { return context.counters.late[static_cast<std::size_t>(s)].load(); };
+    wait_until([&] { return late(stage) > 0; });
+    gate.release_all();
+    const std::uint64_t before = context.counters.processed.load();
+    running.wait_for_frames(before + 5);
+    EXPECT_LT(running.stop_s(), 2) << to_string(stage);
+    pipeline.expect_accounted();
+  }
+}
+
+TEST(Threads, TheEndOfTheStreamComesThroughFullRings) {
+  for (const RunMode mode : {RunMode::Realtime, RunMode::Fast}) {
+    auto driver = wall_driver(true, wall_frames(40));
+    RunOptions options;
+    options.mode = mode;
+    Pipeline pipeline(driver, options);
+    Gate gate(*pipeline.context);
+    gate.hold(Stage::Map);
+    gate.hold(Stage::Track);
+    Running running(pipeline);
+    wait_until([&] { return pipeline.context->counters.offered.load() >= 5; });
+    gate.release_all();
+    running.thread.join();
+    EXPECT_EQ(pipeline.context->counters.offered.load(), 40u);
+    if (mode == RunMode::Fast) {
+      EXPECT_EQ(pipeline.context->counters.processed.load(), 40u);
+    }
+    pipeline.expect_accounted();
+  }
+}
+
 TEST(Threads, HaveTheirNames) {
   Config config = WallScene::config();
   config.stream.listen = "127.0.0.1:0";
