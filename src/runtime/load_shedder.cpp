@@ -13,7 +13,7 @@ LoadShedder::Change LoadShedder::note(Nanoseconds latency, bool lost_frames) {
   const bool late = lost_frames || latency > period_;
   const bool calm = !late && static_cast<double>(latency) < kCalmShare * static_cast<double>(period_);
   late_ += late;
-  calm_ = calm ? calm_ + 1 : 0;
+  calm_ = late ? std::max(calm_ - kCalmCostOfLate, 0) : calm_ + calm;
   since_raise_ = std::min(since_raise_ + 1, kCalmToRaise);
   if (++seen_ == kWindow || late_ == kLateToLower) {
     const bool lower = late_ == kLateToLower && step_ + 1 < static_cast<int>(kSheddingPlan.size());

@@ -40,14 +40,14 @@ class LoadShedder {
   // The first second's caches are cold. Then half a second with a quarter of its frames too late is enough;
   // one late frame is a hiccup.
   static constexpr int kWarmUp = 30, kWindow = 15, kLateToLower = 4;
-  static constexpr int kCalmToRaise = 90, kMostPatience = 8;
+  static constexpr int kCalmToRaise = 90, kMostPatience = 8, kCalmCostOfLate = 10;
   static constexpr double kCalmShare = 0.8;  // of the period: room for what a step up brings back
 
   Nanoseconds period_;
   int step_ = 0;
   int warm_up_ = kWarmUp;
   int seen_ = 0, late_ = 0;  // in this window
-  int calm_ = 0;             // frames in time in a row
+  int calm_ = 0;             // frames with time to spare, less those that one late frame outweighs
   int patience_ = 1;
   int since_raise_ = 0;
   Change last_ = Change::None;

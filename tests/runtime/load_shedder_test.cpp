@@ -84,6 +84,13 @@ TEST(LoadShedder, QualityComesBackWhenThereIsRoomForIt) {
   EXPECT_EQ(bench.shedder.step(), 0);
 }
 
+TEST(LoadShedder, ALateFrameNowAndThenDelaysTheReturnAndDoesNotPreventIt) {
+  Bench bench;
+  bench.run(4, kLate);
+  for (int i = 0; i < 4; ++i) EXPECT_EQ(bench.run(29, kInTime) + bench.run(1, kLate), 0);
+  EXPECT_EQ(bench.frames_to_raise(), 90 - 4 * 19);
+}
+
 TEST(LoadShedder, WhatCameBackTooEarlyWaitsLongerTheNextTime) {
   Bench bench;
   bench.run(4, kLate);
