@@ -4,6 +4,7 @@
 #
 #   setup.sh           to build it and to run the demo
 #   setup.sh --tests   also what scripts/test.sh checks it with
+#   setup.sh --bench   also what scripts/bench.sh measures with
 #
 # Only what is missing is installed; where nothing is, nothing happens.
 set -euo pipefail
@@ -35,7 +36,8 @@ case "$*" in
     command -v node >/dev/null || packages+=(nodejs)
     command -v npm >/dev/null || packages+=(npm)
     ;;
-  *) fail "unknown argument $*; usage: setup.sh [--tests]" ;;
+  --bench) packages+=(libbenchmark-dev) ;;
+  *) fail "unknown argument $*; usage: setup.sh [--tests|--bench]" ;;
 esac
 
 missing=()

@@ -14,7 +14,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.." || exit 1
 full=no
 case "$*" in
   "") ;;
-  --full) full=yes ;;
+  --full) full=yes; export STILLMAP_SHUTDOWNS=200 ;;
   *) echo "test.sh: unknown argument $*; usage: test.sh [--full]" >&2; exit 1 ;;
 esac
 
@@ -83,6 +83,7 @@ step "set-up" scripts/setup.sh --tests || finish
 step "build release" build release all || finish
 step "format" check_format
 step "folders and libraries" scripts/check_layers.py
+step "no locks in hot objects" scripts/check_symbols.py
 step "shellcheck" shellcheck -x scripts/*.sh .ci/run
 step "clang-tidy" check_tidy
 step "tests" run_ctest release
@@ -94,7 +95,7 @@ step "demo" scripts/demo.sh --frames 60 --out build/demo
 asan_programs=(core_test detect_test segment_test map_test stream_test eval_test tum_log_test)
 asan_tests=(-R '^(core_test|detect_test|segment_test|map_test|stream_test|eval_test|tum_log_test)\.' -E 'SegmentWalkers\.Detected')
 tsan_programs=(core_test stream_test runtime_test)
-tsan_tests=(-R '^(core_test\.|stream_test\.|runtime_test\.(Waker|Realtime|Lockstep|Health|RunCounters))')
+tsan_tests=(-R '^(core_test\.|stream_test\.|runtime_test\.(Waker|Threads|Lockstep|Health|RunCounters))')
 if [ "$full" = yes ]; then
   asan_programs=(all) asan_tests=() tsan_programs=(all) tsan_tests=()
 fi

@@ -53,14 +53,24 @@ struct TumLog::Reader {
     return status == DecodeStatus::WrongSize ? DropReason::WrongSize : corrupt;
   }
 
+  /// The stamps of the frame at `index` in pass `pass` over the log; odd passes go backwards.
+  void stamp(const ListedFrame& frame, std::size_t pass, FrameSlot& slot) const {
+    const Nanoseconds shift = static_cast<Nanoseconds>(pass) * (last_ns - first_ns + interval_ns);
+    const bool backwards = pass % 2 == 1;
+    slot.colour_ns = (backwards ? first_ns + last_ns - frame.colour_ns : frame.colour_ns) + shift;
+    slot.depth_ns = (backwards ? first_ns + last_ns - frame.depth_ns : frame.depth_ns) + shift;
+  }
+
   std::vector<ListedFrame> frames;
+  Nanoseconds first_ns = 0, last_ns = 0;  // colour stamps of the first and the last usable frame
+  Nanoseconds interval_ns = 0;
   std::vector<std::byte> buffer;
   PngDecoder png;
   JpegDecoder jpeg;
 };
 
-TumLog::TumLog(std::string folder, int width, int height)
-    : folder_(std::move(folder)), width_(width), height_(height) {}
+TumLog::TumLog(std::string folder, int width, int height, int loops)
+    : folder_(std::move(folder)), width_(width), height_(height), loops_(loops) {}
 TumLog::~TumLog() = default;
 
 Status TumLog::open() {
@@ -91,20 +101,31 @@ Status TumLog::open() {
   // One byte more than the largest file: a read that fills it all has met a file that grew.
   reader_ = std::make_unique<Reader>(std::move(listed.value()), static_cast<std::size_t>(largest) + 1, width_,
                                      height_);
+  const auto usable = [](const ListedFrame& frame) { return !frame.known_unusable; };
+  const std::vector<ListedFrame>& frames = reader_->frames;
+  reader_->first_ns = std::find_if(frames.begin(), frames.end(), usable)->colour_ns;
+  reader_->last_ns = std::find_if(frames.rbegin(), frames.rend(), usable)->colour_ns;
+  reader_->interval_ns = std::max<Nanoseconds>(median_interval(), 1);
   next_ = 0;
   return {};
 }
 
-SourceInfo TumLog::describe() const {
-  SourceInfo info{"tum:" + folder_, width_, height_, 0, true, colour_stamps_.size()};
+Nanoseconds TumLog::median_interval() const {
   std::vector<Nanoseconds> intervals;
   for (std::size_t i = 1; i < colour_stamps_.size(); ++i) {
     intervals.push_back(colour_stamps_[i] - colour_stamps_[i - 1]);
   }
-  if (intervals.empty()) return info;
+  if (intervals.empty()) return 0;
   const auto median = intervals.begin() + std::ssize(intervals) / 2;
   std::nth_element(intervals.begin(), median, intervals.end());
-  if (*median > 0) info.fps = 1e9 / static_cast<double>(*median);
+  return *median;
+}
+
+SourceInfo TumLog::describe() const {
+  SourceInfo info{
+      "tum:" + folder_, width_, height_, 0, true, colour_stamps_.size() * static_cast<std::size_t>(loops_)};
+  if (const Nanoseconds interval = median_interval(); interval > 0)
+    info.fps = 1e9 / static_cast<double>(interval);
   return info;
 }
 
@@ -116,11 +137,12 @@ Status TumLog::start() {
 
 GrabResult TumLog::grab(FrameSlot& slot, Nanoseconds /*deadline_ns*/) {
   STILLMAP_CHECK(reader_ != nullptr);
-  if (next_ == reader_->frames.size()) return {GrabStatus::EndOfStream};
-  const ListedFrame& frame = reader_->frames[next_++];
+  const std::size_t count = reader_->frames.size(), pass = next_ / count;
+  if (pass == static_cast<std::size_t>(loops_)) return {GrabStatus::EndOfStream};
+  const std::size_t step = next_++ % count;
+  const ListedFrame& frame = reader_->frames[pass % 2 == 0 ? step : count - 1 - step];
   if (frame.known_unusable) return {GrabStatus::Dropped, *frame.known_unusable};
-  slot.colour_ns = frame.colour_ns;
-  slot.depth_ns = frame.depth_ns;
+  reader_->stamp(frame, pass, slot);
   const auto colour = [&](std::span<const std::byte> file) {
     return PngDecoder::is_png(file) ? reader_->png.decode_colour(file, slot.colour)
                                     : reader_->jpeg.decode_colour(file, slot.colour);

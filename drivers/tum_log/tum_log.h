@@ -14,14 +14,15 @@ namespace stillmap {
 /// JPEG colour, 16-bit PNG depth. Frames come in the order of the lists, each with both stamps as written
 /// there, exact to the nanosecond. A frame that cannot be used is Dropped with its reason and the log goes
 /// on: NoDepthMatch and TimeJump as the lists show, MissingFile, WrongSize, CorruptColour, CorruptDepth as
-/// the files show.
+/// the files show. Played several times, it goes forwards and backwards in turn, as a camera that goes back
+/// the way it came: stamps go on rising, in steps of the log's own length and one median interval.
 ///
 /// `open` reads the lists and looks at every file's size; its error (UnreadableInput) names the folder and
 /// the mend. `start` goes back to the first frame. One thread; `grab` takes nothing from the heap.
 class TumLog : public RgbdDriver {
  public:
   /// The size is what the camera profile says; pictures of another size are dropped.
-  TumLog(std::string folder, int width, int height);
+  TumLog(std::string folder, int width, int height, int loops = 1);
   ~TumLog() override;
 
   Status open() override;
@@ -30,13 +31,14 @@ class TumLog : public RgbdDriver {
   GrabResult grab(FrameSlot& slot, Nanoseconds deadline_ns) override;
   void stop() override {}
 
-  /// The colour stamps of all offered frames, usable or not, in order. Valid after `open`.
+  /// The colour stamps of all offered frames of the first pass, usable or not, in order. Valid after `open`.
   std::span<const Nanoseconds> colour_stamps() const { return colour_stamps_; }
 
  private:
   struct Reader;
+  Nanoseconds median_interval() const;
   std::string folder_;
-  int width_, height_;
+  int width_, height_, loops_;
   std::vector<Nanoseconds> colour_stamps_;
   std::unique_ptr<Reader> reader_;  // made by open
   std::size_t next_ = 0;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <cstdio>
 #include <memory>
+#include <utility>
 
 #include "app/commands.h"
 #include "runtime/run.h"
@@ -9,7 +10,7 @@ namespace stillmap {
 
 namespace {
 
-void print_plan(const Arena& planning, double budget_mb) {
+void print_plan(const Arena& planning, const FrameBudget& frames, double budget_mb) {
   const double total = static_cast<double>(planning.bytes_planned());
   std::printf("%-28s %12s %12s %10s %7s\n", "pool", "count", "bytes each", "MB", "share");
   for (const PlanLine& line : planning.lines()) {
@@ -19,6 +20,12 @@ void print_plan(const Arena& planning, double budget_mb) {
                 bytes / 1e6, 100 * bytes / total);
   }
   std::printf("%-28s %12s %12s %10.3f (budget %.1f MB)\n", "total", "", "", total / 1e6, budget_mb);
+  std::printf("frames: %zu =", frames.sum());
+  const char* plus = "";
+  for (const FrameBudget::Line& line : frames.lines) {
+    if (line.frames > 0) std::printf("%s %s %zu", std::exchange(plus, " +"), line.who, line.frames);
+  }
+  std::printf("\n");
 }
 
 }  // namespace
@@ -38,9 +45,10 @@ void add_plan_command(CLI::App& app, Action& action) {
       if (!loaded.ok()) return loaded.error();
       const Config& config = loaded.value().config;
       Arena planning;
-      plan_memory(planning, config,
-                  {.detector = config.detector.model != "none", .stream = config.stream.listen != "off"});
-      print_plan(planning, config.memory.budget_mb);
+      const Stages::Parts parts{.detector = config.detector.model != "none",
+                                .stream = config.stream.listen != "off"};
+      plan_memory(planning, config, parts);
+      print_plan(planning, parts.frames(), config.memory.budget_mb);
       return check_budget(planning, config);
     };
   });

@@ -14,16 +14,23 @@ void add_run_command(CLI::App& app, Action& action) {
       ->take_all();
   run_app->add_option("--set", o->overrides, "KEY=VALUE, overrides the files")->take_all();
   run_app->add_option("--source", o->source, "tum:DIR")->required();
-  run_app->add_option("--mode", o->mode, "realtime or lockstep")
-      ->transform(CLI::CheckedTransformer(
-          std::map<std::string, RunMode>{{"lockstep", RunMode::Lockstep}, {"realtime", RunMode::Realtime}}));
-  run_app
-      ->add_option("--detector-delay", o->detector_delay,
-                   "Frames that the detector's boxes come late (lockstep)")
-      ->check(CLI::Range(0, 60));
-  run_app
-      ->add_option("--detector-every", o->detector_every, "The detector looks at every n-th frame (lockstep)")
-      ->check(CLI::Range(1, 1000));
+  run_app->add_option("--mode", o->mode, "live (cameras), realtime, fast or lockstep (logs)")
+      ->transform(CLI::CheckedTransformer(std::map<std::string, RunMode>{{"live", RunMode::Live},
+                                                                         {"realtime", RunMode::Realtime},
+                                                                         {"fast", RunMode::Fast},
+                                                                         {"lockstep", RunMode::Lockstep}}));
+  const CLI::Option* delay = run_app
+                                 ->add_option("--detector-delay", o->detector.delay,
+                                              "Frames that the detector's boxes come late (lockstep)")
+                                 ->check(CLI::Range(0, 60))
+                                 ->capture_default_str();
+  const CLI::Option* every = run_app
+                                 ->add_option("--detector-every", o->detector.every,
+                                              "The detector looks at every n-th frame (lockstep)")
+                                 ->check(CLI::Range(1, 1000))
+                                 ->capture_default_str();
+  run_app->add_option("--loop", o->loops, "Times that a log is played, forwards and backwards in turn")
+      ->check(CLI::Range(1, 100'000));
   run_app->add_option("--duration", o->duration_s, "Seconds of the source to use; 0: all")
       ->check(CLI::NonNegativeNumber);
   run_app->add_option("--trajectory", o->trajectory, "Each pose as first published, TUM format");
@@ -32,7 +39,16 @@ void add_run_command(CLI::App& app, Action& action) {
   run_app->add_option("--report", o->report, "Counts, times, memory and accuracy, JSON");
   run_app->add_option("--groundtruth", o->groundtruth, "TUM trajectory to compare with");
   run_app->add_option("--listen", o->listen, "ADDR:PORT of the stream, or off");
-  run_app->callback([o, &action] { action = [o] { return run(*o); }; });
+  run_app->callback([o, &action, delay, every] {
+    const bool timed = delay->count() + every->count() > 0;
+    action = [o, timed]() -> Status {
+      if (!timed || o->mode == RunMode::Lockstep) return run(*o);
+      return Error{
+          ExitCode::WrongConfig,
+          "--detector-delay and --detector-every are lockstep's; in every other mode the detector takes the "
+          "time it takes; add --mode lockstep"};
+    };
+  });
 }
 
 }  // namespace stillmap

@@ -18,8 +18,8 @@ namespace stillmap {
 namespace {
 
 using Mount = std::optional<std::array<double, 7>>;
-using Target =
-    std::variant<int*, std::int64_t*, double*, std::string*, std::vector<std::string>*, Mount*, DynamicRule*>;
+using Target = std::variant<bool*, int*, std::int64_t*, double*, std::string*, std::vector<std::string>*,
+                            Mount*, DynamicRule*>;
 
 /// One setting: where it is stored and what may stand there.
 struct Key {
@@ -40,7 +40,15 @@ constexpr std::array<std::pair<const char*, DynamicRule>, 3> kRules{
 std::vector<Key> describe(Config& c) {
   return {
       {"runtime.seed", &c.runtime.seed, "", "decides every random sample", 0, 9e15},
-      {"runtime.frame_pool", &c.runtime.frame_pool, "frames", "frames in flight between the stages", 8, 64},
+      {"runtime.flight_recorder", &c.runtime.flight_recorder, "",
+       "file for the last 10 s when tracking is lost or the program aborts; empty: none", 0, 0, false, true},
+      {"threads.tracking_core", &c.threads.tracking_core, "",
+       "capture and tracking run on this one of the cores that the process may use, counted from 0; -1: on "
+       "any",
+       -1, 255},
+      {"threads.other_core", &c.threads.other_core, "", "the core of all other threads; -1: on any", -1, 255},
+      {"threads.realtime", &c.threads.realtime, "", "capture and tracking go before all else (SCHED_FIFO)"},
+      {"memory.lock", &c.memory.lock, "", "keep the runtime's memory from being swapped out"},
       {"memory.budget_mb", &c.memory.budget_mb, "MB", "a plan above this is refused", 16, 65536},
       {"camera.name", &c.mount.name, "", "for people"},
       {"camera.width", &c.camera.width, "px", "picture width", 160, 1280, true},
@@ -114,6 +122,7 @@ std::string quoted(const std::string& s) {
 
 std::string value_text(const Target& target) {
   struct Print {
+    std::string operator()(const bool* v) const { return *v ? "true" : "false"; }
     std::string operator()(const int* v) const { return std::to_string(*v); }
     std::string operator()(const std::int64_t* v) const { return std::to_string(*v); }
     std::string operator()(const double* v) const { return number_text(*v); }
@@ -144,6 +153,7 @@ std::string expectation(const Key& key) {
   const std::string range = " from " + number_text(key.min) + " to " + number_text(key.max) + unit;
   struct Say {
     const std::string& range;
+    std::string operator()(const bool*) const { return "true or false"; }
     std::string operator()(const int*) const { return "a whole number" + range; }
     std::string operator()(const std::int64_t*) const { return "a whole number" + range; }
     std::string operator()(const double*) const { return "a number" + range; }
@@ -163,6 +173,11 @@ bool assign(Key& key, const toml::node& node) {
     const Key& key;
     const toml::node& node;
     bool in_range(double v) const { return v >= key.min && v <= key.max; }
+    bool operator()(bool* to) const {
+      const auto v = node.as_boolean();
+      if (v != nullptr) *to = v->get();
+      return v != nullptr;
+    }
     bool operator()(int* to) const {
       const auto v = node.as_integer();
       if (v == nullptr || !in_range(static_cast<double>(v->get()))) return false;
@@ -283,7 +298,7 @@ Status apply_table(std::vector<Key>& keys, const toml::table& table, const std::
     }
     if (key->is_path) {
       std::string& path = *std::get<std::string*>(key->target);
-      const bool word = path == "auto" || path == "none";
+      const bool word = path.empty() || path == "auto" || path == "none";
       if (!word && path[0] != '/' && !folder.empty()) path = (folder / path).lexically_normal();
     }
     key->origin = origin;

@@ -19,10 +19,15 @@ namespace stillmap {
 struct Config {
   struct Runtime {
     std::int64_t seed = 1;
-    int frame_pool = 14;
+    std::string flight_recorder;
   } runtime;
+  struct Threads {
+    int tracking_core = -1, other_core = -1;
+    bool realtime = false;
+  } threads;
   struct Memory {
     double budget_mb = 160;
+    bool lock = false;
   } memory;
   CameraModel camera;
   struct CameraMount {

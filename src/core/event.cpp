@@ -37,6 +37,14 @@ const char* to_string(EventCode code) {
       return "client_connected";
     case EventCode::ClientGone:
       return "client_gone";
+    case EventCode::QualityLowered:
+      return "quality_lowered";
+    case EventCode::QualityRaised:
+      return "quality_raised";
+    case EventCode::StageLate:
+      return "stage_late";
+    case EventCode::StageInTime:
+      return "stage_in_time";
   }
   return "?";
 }

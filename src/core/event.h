@@ -21,6 +21,10 @@ enum class EventCode : std::uint8_t {
   DetectorFailed,
   ClientConnected,  ///< a = clients now
   ClientGone,       ///< a = clients now
+  QualityLowered,   ///< a = step of the shedding plan now
+  QualityRaised,    ///< a = step of the shedding plan now
+  StageLate,        ///< at work for longer than it may; a = ms
+  StageInTime,      ///< again
 };
 const char* to_string(EventCode code);
 

@@ -20,6 +20,7 @@ class SpscRing {
   static_assert(N > 0 && (N & (N - 1)) == 0, "a power of two makes the index a mask");
 
  public:
+  static constexpr std::size_t capacity() { return N; }
   /// Producer only. False, with `item` untouched, when full; the refusal is counted.
   [[nodiscard]] bool try_push(T&& item) {
     const std::size_t head = head_.load(std::memory_order_relaxed);

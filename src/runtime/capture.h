@@ -29,6 +29,8 @@ class Capture {
   }
 
   enum class Outcome { Frame, Nothing, End, Lost };
+  /// A log's frame is decoded and waits for a place in the pool.
+  bool waits_for_room() const { return spare_is_filled_; }
   /// `out` holds the next frame where the outcome is Frame. Nothing: this one was dropped, none came in time,
   /// or a log's frame waits for a place in the pool.
   Outcome next(FrameHandle& out, Nanoseconds deadline_ns);

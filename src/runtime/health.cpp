@@ -23,7 +23,7 @@ std::string pool_lines(const RunContext& context) {
   };
   add(frames.name, frames.high_water, frames.capacity, frames.refused);
   const RunCounters& c = context.counters;
-  for (const PoolMark* mark : {&c.points, &c.keyframe_pool, &c.blocks}) {
+  for (const PoolMark* mark : c.pools()) {
     const char* name = mark->name.load(std::memory_order_acquire);
     if (name != nullptr) add(name, mark->high_water.load(), mark->capacity.load(), mark->refused.load());
   }
@@ -41,18 +41,67 @@ std::string drop_lines(const RunCounters& c) {
   return lines;
 }
 
+std::string late_lines(const RunCounters& c) {
+  std::string lines;
+  for (std::size_t s = 0; s < c.late.size(); ++s) {
+    lines += fmt::format("stillmap_stage_late_total{{stage=\"{}\"}} {}\n", to_string(static_cast<Stage>(s)),
+                         c.late[s].load());
+  }
+  return lines;
+}
+
 }  // namespace
 
 void Health::log_events() {
-  const auto log = [](const Event& e) {
-    spdlog::info("{}: {} at frame {} ({})", to_string(e.stage), to_string(e.code), e.sequence, e.a);
-  };
+  context_.flight.take_in();
   for (EventRing& ring : context_.events) {
     while (auto event = ring.try_pop()) log(*event);
   }
   if (context_.stages.stream) {
     while (auto event = context_.stages.stream->events().try_pop()) log(*event);
   }
+}
+
+void Health::log(const Event& e) {
+  context_.flight.put(e);
+  if (e.code == EventCode::QualityLowered || e.code == EventCode::QualityRaised) {
+    spdlog::warn("{}: {} at frame {}: {}", to_string(e.stage), to_string(e.code), e.sequence,
+                 kSheddingPlan[static_cast<std::size_t>(e.a)].name);
+  } else {
+    spdlog::info("{}: {} at frame {} ({})", to_string(e.stage), to_string(e.code), e.sequence, e.a);
+  }
+  if (e.code == EventCode::TrackingLost && context_.flight.enabled() &&
+      !context_.flight.write_unless_just_done(monotonic_now())) {
+    spdlog::warn("runtime.flight_recorder: cannot write {}", context_.flight.path());
+  }
+}
+
+void Health::warn(const std::string& words) {
+  spdlog::warn("{}", words);
+}
+
+void Health::watch_stages(Nanoseconds now) {
+  for (int s = 0; s < kStageCount; ++s) {
+    const auto stage = static_cast<Stage>(s);
+    const auto i = static_cast<std::size_t>(s);
+    const bool late = context_.watchdog.late(stage, now);
+    if (late == late_[i]) continue;
+    late_[i] = late;
+    if (late) RunCounters::bump(context_.counters.late[i]);
+    log({now, stage, late ? EventCode::StageLate : EventCode::StageInTime,
+         context_.counters.processed.load(std::memory_order_relaxed),
+         context_.watchdog.busy(stage, now) / 1'000'000, 0});
+  }
+  if (!context_.watchdog.stuck(now)) notifier_.alive(now);
+}
+
+std::string Health::late_stages() const {
+  std::string names;
+  for (std::size_t i = 0; i < late_.size(); ++i) {
+    if (late_[i])
+      names += fmt::format("{}\"{}\"", names.empty() ? "" : ",", to_string(static_cast<Stage>(i)));
+  }
+  return names;
 }
 
 void Health::log_drops() {
@@ -66,6 +115,7 @@ void Health::log_drops() {
 
 void Health::tick() {
   log_events();
+  watch_stages(monotonic_now());
   if (monotonic_now() - published_ns_ < 1'000'000'000) return;
   log_drops();
   publish();
@@ -93,21 +143,26 @@ void Health::publish() {
   const std::string json = fmt::format(
       "{{\"state\":\"{}\",\"fps\":{:.1f},\"uptime_s\":{:.1f},\"frames\":{{\"offered\":{},\"processed\":{},"
       "\"dropped\":{}}},"
-      "\"tracking\":{{\"tracked\":{},\"weak\":{},\"lost\":{},\"keyframes\":{}}},\"detector_runs\":{},\"rss_"
-      "kb\":{}}}",
+      "\"tracking\":{{\"tracked\":{},\"weak\":{},\"lost\":{},\"keyframes\":{}}},\"detector_runs\":{},"
+      "\"quality\":\"{}\",\"late\":[{}],\"rss_kb\":{}}}",
       state, fps, to_seconds(now - started_ns_), c.offered.load(), processed, dropped, c.tracked.load(),
-      c.weak.load(), c.lost.load(), c.keyframes.load(), c.detector_runs.load(), rss);
+      c.weak.load(), c.lost.load(), c.keyframes.load(), c.detector_runs.load(), quality_now(context_).name,
+      late_stages(), rss);
   const std::string metrics = fmt::format(
       "# TYPE stillmap_frames_offered_total counter\nstillmap_frames_offered_total {}\n"
       "# TYPE stillmap_frames_processed_total counter\nstillmap_frames_processed_total {}\n"
       "# TYPE stillmap_frames_dropped_total counter\n{}"
       "# TYPE stillmap_frames_lost_total counter\nstillmap_frames_lost_total {}\n"
       "# TYPE stillmap_detector_runs_total counter\nstillmap_detector_runs_total {}\n"
+      "# TYPE stillmap_shedding_step gauge\nstillmap_shedding_step {}\n"
+      "# TYPE stillmap_frames_shed_total counter\nstillmap_frames_shed_total {}\n"
+      "# TYPE stillmap_stage_late_total counter\n{}"
       "# TYPE stillmap_tracking_state gauge\nstillmap_tracking_state {}\n"
       "# TYPE stillmap_fps gauge\nstillmap_fps {:.2f}\n"
       "# TYPE stillmap_resident_bytes gauge\nstillmap_resident_bytes {}\n{}",
-      c.offered.load(), processed, drop_lines(c), c.lost.load(), c.detector_runs.load(), c.state.load(), fps,
-      rss * 1024, pool_lines(context_));
+      c.offered.load(), processed, drop_lines(c), c.lost.load(), c.detector_runs.load(),
+      context_.quality.load(), c.frames_shed.load(), late_lines(c), c.state.load(), fps, rss * 1024,
+      pool_lines(context_));
   if (!context_.stages.stream->publish_health(json, metrics))
     spdlog::warn("health text is too long for the stream");
 }

@@ -2,8 +2,10 @@
 #pragma once
 
 #include <array>
+#include <string>
 
 #include "runtime/run_context.h"
+#include "runtime/service_notifier.h"
 
 namespace stillmap {
 
@@ -11,18 +13,29 @@ namespace stillmap {
 /// frame's way; it may use the heap.
 class Health {
  public:
-  explicit Health(RunContext& context) : context_(context) {}
-  /// Logs what happened since the last call; once a second, also what was dropped, and new texts for the
-  /// stream.
+  explicit Health(RunContext& context) : context_(context), on_abort_(context.flight) {}
+  void warn(const std::string& words);
+  /// To the service manager: every stage has started.
+  void ready() { notifier_.ready(); }
+  /// To the service manager: the source has ended, or a stop was asked for.
+  void stopping() { notifier_.stopping(); }
+  /// Logs what happened since the last call and which stages are late; once a second, also what was dropped,
+  /// and new texts for the stream. Keeps the service manager's watchdog calm unless a stage is stuck.
   void tick();
   /// The last words, when every stage has ended.
   void finish();
 
  private:
   void log_events();
+  void log(const Event& event);
+  void watch_stages(Nanoseconds now);
+  std::string late_stages() const;
   void log_drops();
   void publish();
   RunContext& context_;
+  WriteOnAbort on_abort_;
+  ServiceNotifier notifier_;
+  std::array<bool, kStageCount> late_{};
   Nanoseconds started_ns_ = monotonic_now();
   Nanoseconds published_ns_ = 0;
   std::uint64_t processed_before_ = 0;

@@ -42,7 +42,9 @@ void run_lockstep(RunContext& context) {
   Capture capture(context.driver, context.stages.frames, context.counters, context.capture_log,
                   context.options.duration_s);
   Health health(context);
-  DelayedDetections delayed(context.options.detector_delay);
+  const DetectorTiming& timing = context.options.detector;
+  DelayedDetections delayed(timing.delay);
+  health.ready();
   for (std::uint64_t n = 0; !context.stop.load(std::memory_order_relaxed);) {
     health.tick();
     FrameHandle frame;
@@ -52,9 +54,9 @@ void run_lockstep(RunContext& context) {
       context.source_lost = outcome == Capture::Outcome::Lost;
       break;
     }
-    if (context.detector != nullptr && n % static_cast<std::uint64_t>(context.options.detector_every) == 0) {
+    if (context.detector != nullptr && n % static_cast<std::uint64_t>(timing.every) == 0) {
       DelayedDetections::Item& item = delayed.next();
-      item.due_frame = n + static_cast<std::uint64_t>(context.options.detector_delay);
+      item.due_frame = n + static_cast<std::uint64_t>(timing.delay);
       item.detected.frame = frame.share();
       if (detect_frame(context, *frame, item.detected.boxes)) {
         delayed.add();
@@ -85,6 +87,7 @@ void run_lockstep(RunContext& context) {
     }
     ++n;
   }
+  health.stopping();
   health.finish();
 }
 

@@ -11,7 +11,7 @@ MapStage::MapStage(Arena& arena, const Config& config, const RayTable& rays, boo
 
 bool MapStage::due(std::uint64_t sequence) const {
   return map_.fused_frames() == 0 ||
-         sequence >= last_fused_sequence_ + static_cast<std::uint64_t>(config_.map.fuse_every);
+         sequence >= last_fused_sequence_ + static_cast<std::uint64_t>(config_.map.fuse_every * fuse_factor_);
 }
 
 void MapStage::take_frame(PosedFrame&& posed) {

@@ -31,6 +31,8 @@ class MapStage {
   void take_frame(PosedFrame&& posed);
   /// After the frame itself came by `take_frame`.
   void take_detected(DetectedFrame&& detected);
+  /// Fuses only every `factor`-th of the frames that map.fuse_every lets through.
+  void set_fuse_factor(int factor) { fuse_factor_ = factor; }
   /// Hands the stream a new cloud when it wants one and the map has changed.
   void answer_cloud_request(StreamServer& server);
 
@@ -50,6 +52,7 @@ class MapStage {
   Config config_;
   VoxelMap map_;
   bool has_detector_;
+  int fuse_factor_ = 1;
   Nanoseconds last_boxes_ns_ = 0, newest_ns_ = 0;
   std::array<RecentPose, 64> recent_{};  // by sequence modulo size
   DynamicMask mask_;

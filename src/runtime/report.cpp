@@ -60,9 +60,11 @@ Json memory_part(const RunContext& context, const ReportFacts& facts) {
     pools[u.name] = {{"capacity", u.capacity}, {"high_water", u.high_water}, {"refused", u.refused}};
   };
   add(context.stages.frames.usage());
-  add(context.stages.track.tracker().point_usage());
-  add(context.stages.track.tracker().keyframe_usage());
-  add(context.stages.map.map().usage());
+  for (const PoolMark* mark : context.counters.pools()) {
+    const char* name = mark->name.load();
+    if (name != nullptr) add({name, mark->capacity.load(), mark->high_water.load(), mark->refused.load()});
+  }
+  add(context.track_log.causal.usage("trajectory"));
   return {{"planned_bytes", facts.planned_bytes},
           {"rss_start_kb", facts.rss_start_kb},
           {"rss_end_kb", resident_kb()},
@@ -85,6 +87,16 @@ Json map_part(const RunContext& context) {
           {"blocks_capacity", blocks.capacity}, {"blocks_evicted", map.blocks_evicted()},
           {"voxel_m", map.voxel_m()},           {"point_reduction", rounded(map.point_reduction(), 3)},
           {"frames_fused", map.fused_frames()}, {"frames_fused_with_own_boxes", counts.own_boxes}};
+}
+
+/// How often each stage was at work for longer than it may; without those that never were.
+Json late_part(const RunCounters& c) {
+  Json part = Json::object();
+  for (std::size_t s = 0; s < c.late.size(); ++s) {
+    if (const std::uint64_t times = c.late[s].load(); times > 0)
+      part[to_string(static_cast<Stage>(s))] = times;
+  }
+  return part;
 }
 
 Json accuracy_part(const Accuracy& a) {
@@ -111,7 +123,7 @@ std::string make_report(const RunContext& context, const ReportFacts& facts) {
   const BoxSupply& boxes = context.stages.track.box_supply();
   Json report;
   report["version"] = 1;
-  report["mode"] = context.options.mode == RunMode::Lockstep ? "lockstep" : "realtime";
+  report["mode"] = to_string(context.mode);
   report["source"] = facts.source;
   report["seed"] = context.config.runtime.seed;
   report["git_revision"] = kGitRevision;
@@ -134,12 +146,16 @@ std::string make_report(const RunContext& context, const ReportFacts& facts) {
   report["detector"] = {{"model", facts.model},
                         {"runs", c.detector_runs.load()},
                         {"failures", c.detector_failures.load()},
+                        {"frames_skipped", c.detector_skipped.load()},
                         {"latency_ms", quantiles(context.detect_log.run_time)},
                         {"frames_with_fresh_boxes", boxes.fresh},
                         {"frames_with_carried_boxes", boxes.carried},
                         {"frames_without_boxes", boxes.none}};
   report["memory"] = memory_part(context, facts);
-  report["shedding"] = {{"steps", 0}, {"frames_shed", 0}};
+  report["shedding"] = {{"steps", c.quality_lowered.load()},
+                        {"steps_back", c.quality_raised.load()},
+                        {"frames_shed", c.frames_shed.load()}};
+  report["late_stages"] = late_part(c);
   report["map"] = map_part(context);
   const StreamStats stream = context.stages.stream ? context.stages.stream->stats() : StreamStats{};
   report["stream"] = {{"clients_peak", stream.clients_peak},

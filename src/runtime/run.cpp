@@ -1,15 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/run.h"
 
+#include <malloc.h>
 #include <spdlog/sinks/stdout_sinks.h>
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
 #include <csignal>
 #include <ctime>
 
 #include "detect/model_file.h"
 #include "eval/accuracy.h"
 #include "map/ply.h"
+#include "runtime/memory_lock.h"
 #include "runtime/memory_use.h"
 #include "runtime/output_file.h"
 #include "runtime/report.h"
@@ -44,8 +47,9 @@ double process_cpu_s() {
 }
 
 /// Refuses before the run what could only fail after it.
-Status check_outputs(const RunOptions& o) {
-  for (const std::string* path : {&o.trajectory, &o.trajectory_final, &o.map, &o.report}) {
+Status check_outputs(const RunOptions& o, const Config& config) {
+  for (const std::string* path :
+       {&o.trajectory, &o.trajectory_final, &o.map, &o.report, &config.runtime.flight_recorder}) {
     if (path->empty()) continue;
     if (Status s = check_writable(*path); !s.ok()) return s;
   }
@@ -55,10 +59,36 @@ Status check_outputs(const RunOptions& o) {
   return {};
 }
 
+Status check_mode(RunMode mode, bool is_log) {
+  if (is_log == (mode != RunMode::Live)) return {};
+  return Error{ExitCode::WrongConfig,
+               is_log ? "--mode live is for cameras; a log plays in realtime, fast or lockstep"
+                      : std::string("--mode ") + to_string(mode) + " is for logs; a camera runs live"};
+}
+
+/// How many poses the outputs tell of; without any of them, none is kept.
+std::size_t poses_to_keep(const RunOptions& o, std::size_t log_frames) {
+  const bool written = !o.trajectory.empty() || !o.trajectory_final.empty();
+  if (!written && o.groundtruth.empty()) return 0;
+  constexpr std::size_t kOfACamera = 200'000;  // close to two hours; the report counts what is beyond
+  if (log_frames == 0) return kOfACamera;
+  return written ? log_frames * static_cast<std::size_t>(o.loops) : log_frames;
+}
+
 /// A run in which no frame could be used leaves earlier outputs as they are, but for the report, which counts
 /// why.
 bool has_results(const RunContext& context) {
   return context.counters.processed.load() > 0 || context.stop.load();
+}
+
+/// The poses of a log's first pass: ground truth knows no other.
+std::span<const StampedPose> first_pass(const RunContext& context, const std::vector<Nanoseconds>& stamps) {
+  const std::span<const StampedPose> all(context.track_log.causal);
+  if (stamps.empty()) return all;
+  const Nanoseconds last = *std::max_element(stamps.begin(), stamps.end());
+  const auto beyond =
+      std::find_if(all.begin(), all.end(), [&](const StampedPose& p) { return p.stamp_ns > last; });
+  return all.first(static_cast<std::size_t>(beyond - all.begin()));
 }
 
 Status write_outputs(const RunContext& context, ReportFacts& facts,
@@ -81,7 +111,7 @@ Status write_outputs(const RunContext& context, ReportFacts& facts,
     keep_first(write_ply(context.stages.map.map(), o.map, timeout_ns));
   }
   if (results && !groundtruth.empty()) {
-    const Result<Accuracy> accuracy = evaluate(groundtruth, context.track_log.causal, stamps);
+    const Result<Accuracy> accuracy = evaluate(groundtruth, first_pass(context, stamps), stamps);
     if (accuracy.ok()) facts.accuracy = accuracy.value();
     if (!accuracy.ok()) spdlog::warn("no accuracy: {}", accuracy.error().message);
   }
@@ -112,8 +142,8 @@ Status check_budget(const Arena& planning, const Config& config) {
   if (mb <= config.memory.budget_mb) return {};
   return Error{ExitCode::WrongConfig,
                fmt::format("the memory plan needs {:.1f} MB, memory.budget_mb is {:.1f} MB; lower "
-                           "map.capacity_voxels, track.keyframes or runtime.frame_pool (`stillmap plan` "
-                           "shows the shares) or raise the budget",
+                           "map.capacity_voxels, track.keyframes or the camera's resolution (`stillmap "
+                           "plan` shows the shares) or raise the budget",
                            mb, config.memory.budget_mb)};
 }
 
@@ -132,13 +162,14 @@ Status run(const RunOptions& options) {
   const Nanoseconds process_start_ns = monotonic_now();
   stop_requested.store(false);
   handle_signals();
+  mallopt(M_ARENA_MAX, 2);  // else each thread that allocates gets an arena of its own, which never shrinks
   spdlog::set_default_logger(
       std::make_shared<spdlog::logger>("stillmap", std::make_shared<spdlog::sinks::stderr_sink_mt>()));
   const Result<LoadedConfig> loaded = load_config(options.configs, options.overrides);
   if (!loaded.ok()) return loaded.error();
   Config config = loaded.value().config;
   if (!options.listen.empty()) config.stream.listen = options.listen;
-  if (Status s = check_outputs(options); !s.ok()) return s;
+  if (Status s = check_outputs(options, config); !s.ok()) return s;
 
   std::vector<StampedPose> groundtruth;
   if (!options.groundtruth.empty()) {
@@ -146,8 +177,11 @@ Status run(const RunOptions& options) {
     if (!read.ok()) return read.error();
     groundtruth = std::move(read.value());
   }
-  Result<OpenedSource> source = open_source(options.source, config);
+  Result<OpenedSource> source = open_source(options.source, config, options.loops);
   if (!source.ok()) return source.error();
+  const bool is_log = source.value().driver->describe().is_log;
+  const RunMode mode = options.mode.value_or(is_log ? RunMode::Realtime : RunMode::Live);
+  if (Status s = check_mode(mode, is_log); !s.ok()) return s;
   Result<ModelFile> model = find_model(config.detector);
   if (!model.ok()) return model.error();
   std::unique_ptr<Detector> detector;
@@ -164,7 +198,9 @@ Status run(const RunOptions& options) {
 
   const Stages::Parts parts{.detector = detector != nullptr,
                             .stream = config.stream.listen != "off",
-                            .extra_frames = options.mode == RunMode::Lockstep ? options.detector_delay : 0};
+                            .log = is_log,
+                            .lockstep_delay = mode == RunMode::Lockstep ? options.detector.delay : 0,
+                            .trajectory_poses = poses_to_keep(options, source.value().stamps.size())};
   Arena planning;
   plan_memory(planning, config, parts);
   if (Status s = check_budget(planning, config); !s.ok()) return s;
@@ -177,12 +213,12 @@ Status run(const RunOptions& options) {
     spdlog::info("stream: open http://{} or point Foxglove at ws://{}", at, at);
   }
 
-  const auto context = std::make_unique<RunContext>(config, options, *source.value().driver, detector.get(),
-                                                    *stages, stop_requested);
-  constexpr std::size_t kPosesOfACamera = 200'000;
-  context->track_log.causal.reserve(source.value().stamps.empty() ? kPosesOfACamera
-                                                                  : source.value().stamps.size());
+  const auto context = std::make_unique<RunContext>(config, options, mode, *source.value().driver,
+                                                    detector.get(), *stages, stop_requested);
   if (Status s = source.value().driver->start(); !s.ok()) return s;
+  if (config.memory.lock) {
+    if (const std::string warning = lock_memory(); !warning.empty()) spdlog::warn("{}", warning);
+  }
 
   ReportFacts facts;
   facts.source = options.source;
@@ -194,10 +230,10 @@ Status run(const RunOptions& options) {
   facts.process_start_ns = process_start_ns;
   facts.run_start_ns = monotonic_now();
   const double cpu_start_s = process_cpu_s();
-  if (options.mode == RunMode::Lockstep) {
+  if (mode == RunMode::Lockstep) {
     run_lockstep(*context);
   } else {
-    run_realtime(*context);
+    run_threads(*context);
   }
   facts.run_end_ns = monotonic_now();
   facts.cpu_s = process_cpu_s() - cpu_start_s;

@@ -15,8 +15,7 @@ void note_state(RunContext& context, const TrackingResult& result, TrackState be
   if (before == TrackState::Lost) code = EventCode::Relocalized;
   if (before == TrackState::Weak && result.state == TrackState::Tracking) return;
   if (result.state == TrackState::Lost) code = EventCode::TrackingLost;
-  static_cast<void>(context.events_of(Stage::Track)
-                        .try_push({monotonic_now(), Stage::Track, code, result.sequence, result.inliers, 0}));
+  context.emit(Stage::Track, code, result.sequence, result.inliers);
 }
 
 }  // namespace
@@ -31,6 +30,14 @@ bool track_frame(RunContext& context, const FrameSlot& frame) {
   context.track_log.note(result, before, frame.due_ns, context.counters);
   if (first && context.track_log.first_pose_ns != 0) start_heap_count();
   note_state(context, result, before);
+  context.flight.put({.at_ns = monotonic_now(),
+                      .stamp_ns = result.stamp_ns,
+                      .sequence = result.sequence,
+                      .state = result.state,
+                      .matches = result.matches,
+                      .inliers = result.inliers,
+                      .labels = result.labels,
+                      .T_map_camera = result.T_map_camera()});
   context.counters.points.note(context.stages.track.tracker().point_usage());
   context.counters.keyframe_pool.note(context.stages.track.tracker().keyframe_usage());
   if (!result.has_pose()) return false;
@@ -40,6 +47,19 @@ bool track_frame(RunContext& context, const FrameSlot& frame) {
         {result.stamp_ns, result.T_map_odom, result.T_odom_camera * inverse(T_base_camera), T_base_camera});
   }
   return true;
+}
+
+void adapt_quality(RunContext& context, const FrameSlot& frame, bool lost_frames) {
+  const LoadShedder::Change change = context.shedder.note(monotonic_now() - frame.due_ns, lost_frames);
+  const int step = context.shedder.step();
+  if (step > 0) RunCounters::bump(context.counters.frames_shed);
+  if (change == LoadShedder::Change::None) return;
+  const bool lowered = change == LoadShedder::Change::Lowered;
+  RunCounters::bump(lowered ? context.counters.quality_lowered : context.counters.quality_raised);
+  context.emit(Stage::Track, lowered ? EventCode::QualityLowered : EventCode::QualityRaised, frame.sequence,
+               step);
+  context.quality.store(step, std::memory_order_relaxed);
+  context.stages.track.set_feature_share(quality_now(context).feature_share);
 }
 
 bool detect_frame(RunContext& context, const FrameSlot& frame, Detections& out) {
@@ -52,9 +72,7 @@ bool detect_frame(RunContext& context, const FrameSlot& frame, Detections& out) 
     context.detect_log.run_time.add(monotonic_now() - begin);
   } else {
     RunCounters::bump(context.counters.detector_failures);
-    static_cast<void>(
-        context.events_of(Stage::Detect)
-            .try_push({monotonic_now(), Stage::Detect, EventCode::DetectorFailed, frame.sequence, 0, 0}));
+    context.emit(Stage::Detect, EventCode::DetectorFailed, frame.sequence, 0);
   }
   return ok;
 }

@@ -3,25 +3,39 @@
 
 #include <array>
 #include <atomic>
+#include <functional>
 
 #include "core/config.h"
 #include "core/event.h"
 #include "detect/detector.h"
 #include "drivers/rgbd_driver.h"
+#include "runtime/flight_recorder.h"
+#include "runtime/load_shedder.h"
 #include "runtime/run_options.h"
 #include "runtime/run_state.h"
 #include "runtime/stages.h"
+#include "runtime/watchdog.h"
 
 namespace stillmap {
 
-/// Everything a running pipeline works with; owned by `run`. Both modes drive the same stages through it.
+/// Everything a running pipeline works with; owned by `run`. Every mode drives the same stages through it.
 struct RunContext {
-  RunContext(const Config& c, const RunOptions& o, RgbdDriver& d, Detector* n, Stages& s,
+  RunContext(const Config& c, const RunOptions& o, RunMode m, RgbdDriver& d, Detector* n, Stages& s,
              const std::atomic<bool>& stopping)
-      : config(c), options(o), driver(d), detector(n), stages(s), stop(stopping) {}
+      : config(c),
+        options(o),
+        mode(m),
+        driver(d),
+        detector(n),
+        stages(s),
+        stop(stopping),
+        track_log(s.trajectory),
+        shedder(static_cast<Nanoseconds>(1e9 / c.mount.fps)),
+        flight(s.flight, c.runtime.flight_recorder) {}
 
   const Config& config;
   const RunOptions& options;
+  const RunMode mode;
   RgbdDriver& driver;
   Detector* detector;  ///< null: none
   Stages& stages;
@@ -32,21 +46,55 @@ struct RunContext {
   CaptureLog capture_log;
   DetectLog detect_log;
   std::array<EventRing, kStageCount> events;
-  bool source_lost = false;  ///< written by capture, read when the run has ended
+  Watchdog watchdog;
+  LoadShedder shedder;          ///< the track thread's
+  std::atomic<int> quality{0};  ///< the shedder's step, for every stage
+  FlightRecorder flight;
+  std::function<void(Stage)> on_work;  ///< tests hold a stage up with it; empty in a run
+  bool source_lost = false;            ///< written by capture, read when the run has ended
 
+  /// A full ring counts what it refuses.
+  void emit(Stage stage, EventCode code, std::uint64_t sequence, std::int64_t a) {
+    static_cast<void>(events_of(stage).try_push({monotonic_now(), stage, code, sequence, a, 0}));
+  }
   EventRing& events_of(Stage stage) { return events[static_cast<std::size_t>(stage)]; }
 };
 
-/// One frame through tracking, with its counts, events and stream: what both modes do on their track thread.
+/// One frame through tracking, with its counts, events and stream: what every mode does on its track thread.
 /// True when the frame has a pose.
 bool track_frame(RunContext& context, const FrameSlot& frame);
+
+/// What is given up now.
+inline const Quality& quality_now(const RunContext& context) {
+  return kSheddingPlan[static_cast<std::size_t>(context.quality.load(std::memory_order_relaxed))];
+}
+
+/// A stage is at work while this lives, which the watchdog times.
+class AtWork {
+ public:
+  AtWork(RunContext& context, Stage stage) : context_(context), stage_(stage) {
+    context_.watchdog.begin(stage_, monotonic_now());
+    if (context_.on_work) context_.on_work(stage_);
+  }
+  ~AtWork() { context_.watchdog.end(stage_); }
+  AtWork(const AtWork&) = delete;
+  AtWork& operator=(const AtWork&) = delete;
+
+ private:
+  RunContext& context_;
+  Stage stage_;
+};
+
+/// Track thread, after each frame: gives up quality when frames come late, and takes it back. `lost_frames`:
+/// some were dropped for want of time since the last call.
+void adapt_quality(RunContext& context, const FrameSlot& frame, bool lost_frames);
 
 /// One frame through the detector; false when it failed (counted).
 bool detect_frame(RunContext& context, const FrameSlot& frame, Detections& out);
 
 /// Deterministic, on the calling thread, until the source ends or `stop`.
 void run_lockstep(RunContext& context);
-/// One thread per stage, on the wall clock, until the source ends or `stop`.
-void run_realtime(RunContext& context);
+/// One thread per stage, in every other mode, until the source ends or `stop`.
+void run_threads(RunContext& context);
 
 }  // namespace stillmap

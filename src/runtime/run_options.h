@@ -1,23 +1,34 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
 namespace stillmap {
 
-/// Realtime: a log on the wall clock, one thread a stage, dropping as a camera would. Lockstep: every frame
-/// through every stage in turn on one thread; the same input gives the same bytes.
-enum class RunMode { Lockstep, Realtime };
+/// Live: a camera, one thread a stage; a stage that is behind skips to the newest frame. Realtime: a log in
+/// the same way, on the wall clock. Fast: a log through the same threads as fast as they can, every frame.
+/// Lockstep: every frame through every stage in turn on one thread; the same input gives the same bytes.
+enum class RunMode { Live, Realtime, Fast, Lockstep };
+const char* to_string(RunMode mode);
+
+/// The detector as lockstep stands in for it: its boxes come so many frames late, and it looks at every n-th
+/// frame. The default is as measured live on two cores, where the int8 network takes 50 to 56 ms of a shared
+/// core: one and a half frames, and a wait for the next.
+struct DetectorTiming {
+  int delay = 2;
+  int every = 2;
+};
 
 /// What `stillmap run` was asked for. Empty paths: not asked for.
 struct RunOptions {
   std::vector<std::string> configs, overrides;
   std::string source;
-  RunMode mode = RunMode::Realtime;
-  int detector_delay = 0;  ///< frames, lockstep only
-  int detector_every = 1;  ///< frames, lockstep only
-  double duration_s = 0;   ///< 0: until the source ends
+  std::optional<RunMode> mode;  ///< none: live for a camera, realtime for a log
+  DetectorTiming detector;      ///< lockstep only
+  int loops = 1;                ///< times that a log is played, forwards and backwards in turn
+  double duration_s = 0;        ///< 0: until the source ends
   std::string trajectory, trajectory_final, map, report, groundtruth;
   std::string listen;  ///< overrides stream.listen
 };

@@ -21,7 +21,8 @@ void TrackLog::note(const TrackingResult& result, TrackState before, Nanoseconds
   if (before == TrackState::Lost) C::bump(counters.relocalized);
   if (first_pose_ns == 0) first_pose_ns = now;
   capture_to_pose.add(now - due_ns);
-  if (causal.size() < causal.capacity()) causal.push_back({result.stamp_ns, result.T_map_camera()});
+  if (causal.capacity() > 0)
+    static_cast<void>(causal.try_push_back({result.stamp_ns, result.T_map_camera()}));
 }
 
 }  // namespace stillmap

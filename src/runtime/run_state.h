@@ -4,7 +4,7 @@
 #include <array>
 #include <atomic>
 #include <cstdint>
-#include <vector>
+#include <span>
 
 #include "core/event.h"
 #include "core/fixed_vector.h"
@@ -34,13 +34,23 @@ struct RunCounters {
   std::array<Count, kDropReasonCount> dropped{};
   Count tracked{0}, weak{0}, lost{0}, relocalized{0}, segments{0}, keyframes{0};
   Count static_features{0}, dynamic_features{0}, semi_static_features{0}, unknown_features{0};
-  Count detector_runs{0}, detector_failures{0};
-  std::atomic<int> state{0};  ///< TrackState
+  Count detector_runs{0}, detector_failures{0}, detector_skipped{0};
+  Count quality_lowered{0}, quality_raised{0}, frames_shed{0};
+  std::array<Count, kStageCount> late{};  ///< how often each stage was
+  std::atomic<int> state{0};              ///< TrackState
   PoolMark points, keyframe_pool, blocks;
+  PoolMark read_ahead, track_ring, map_ring, detected_ring;  ///< where there are threads
+
+  std::array<const PoolMark*, 7> pools() const {
+    return {&points, &keyframe_pool, &blocks, &read_ahead, &track_ring, &map_ring, &detected_ring};
+  }
 
   /// Capture and tracker both drop frames that the tracker is too late for.
   void drop(DropReason reason) {
     dropped[static_cast<std::size_t>(reason)].fetch_add(1, std::memory_order_relaxed);
+  }
+  std::uint64_t dropped_for(DropReason reason) const {
+    return dropped[static_cast<std::size_t>(reason)].load(std::memory_order_relaxed);
   }
   /// For a count that only this thread writes: no locked instruction.
   static void bump(Count& count, std::uint64_t by = 1) {
@@ -50,7 +60,9 @@ struct RunCounters {
 
 /// What the track thread keeps of a run for its outputs. One thread until the run ends.
 struct TrackLog {
-  std::vector<StampedPose> causal;  ///< each pose as first published; reserved at start for a log's length
+  explicit TrackLog(std::span<StampedPose> room) : causal(room) {}
+
+  ArenaVector<StampedPose> causal;  ///< each pose as first published, as far as there is room
   LatencyHistogram capture_to_pose, track_time;
   Nanoseconds first_pose_ns = 0;  ///< monotonic; 0 = none yet
 

@@ -13,10 +13,10 @@ namespace stillmap {
 
 struct OpenedSource {
   std::unique_ptr<RgbdDriver> driver;
-  std::vector<Nanoseconds> stamps;  ///< colour stamps of all frames that a log offers; empty for a camera
+  std::vector<Nanoseconds> stamps;  ///< colour stamps of a log's first pass; empty for a camera
 };
 
-/// Opens what a source URI names: `tum:DIR`.
-Result<OpenedSource> open_source(const std::string& uri, const Config& config);
+/// Opens what a source URI names: `tum:DIR`. A log is played `loops` times, forwards and backwards in turn.
+Result<OpenedSource> open_source(const std::string& uri, const Config& config, int loops);
 
 }  // namespace stillmap

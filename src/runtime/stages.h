@@ -6,6 +6,9 @@
 #include "core/arena.h"
 #include "core/config.h"
 #include "core/frame_pool.h"
+#include "eval/trajectory.h"
+#include "runtime/flight_recorder.h"
+#include "runtime/frame_budget.h"
 #include "runtime/map_stage.h"
 #include "runtime/track_stage.h"
 #include "stream/stream_server.h"
@@ -17,14 +20,23 @@ namespace stillmap {
 struct Stages {
   struct Parts {
     bool detector = false, stream = false;
-    int extra_frames = 0;  ///< beyond runtime.frame_pool: what lockstep keeps for a late detector
+    bool log = true;         ///< the source is one, and is decoded ahead
+    int lockstep_delay = 0;  ///< frames that lockstep keeps for a late detector
+    std::size_t trajectory_poses = 0;
+
+    FrameBudget frames() const {
+      return frame_budget(detector, log, static_cast<std::size_t>(lockstep_delay));
+    }
   };
   Stages(Arena& arena, const Config& config, const Parts& parts)
-      : frames(arena, static_cast<std::size_t>(config.runtime.frame_pool + parts.extra_frames),
-               config.camera.width, config.camera.height),
+      : frames(arena, parts.frames().sum(), config.camera.width, config.camera.height),
         rays(arena, config.camera),
         track(arena, config),
-        map(arena, config, rays, parts.detector) {
+        map(arena, config, rays, parts.detector),
+        flight(arena.take<FlightFrame>(
+            "flight_recorder",
+            config.runtime.flight_recorder.empty() ? 0 : FlightRecorder::frames_for(config.mount.fps))),
+        trajectory(arena.take<StampedPose>("trajectory", parts.trajectory_poses)) {
     if (parts.stream) stream.emplace(config.stream, arena);
   }
 
@@ -32,6 +44,8 @@ struct Stages {
   RayTable rays;
   TrackStage track;
   MapStage map;
+  std::span<FlightFrame> flight;
+  std::span<StampedPose> trajectory;  ///< room for what the run's outputs tell of its poses
   std::optional<StreamServer> stream;
 };
 

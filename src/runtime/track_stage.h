@@ -37,6 +37,8 @@ class TrackStage {
   /// The frame just stepped, for the map; only when it has a pose.
   void fill_posed(const FrameHandle& frame, PosedFrame& out) const;
 
+  void set_feature_share(double share) { tracker_.set_feature_share(share); }
+
   /// The camera in the robot's base, where the configuration knows it.
   Pose T_base_camera() const { return tracker_.T_base_camera(); }
   const Tracker& tracker() const { return tracker_; }

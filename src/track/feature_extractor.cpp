@@ -71,7 +71,7 @@ void FeatureExtractor::extract(ImageView<const std::uint8_t> grey, FrameFeatures
   double total = 0;
   for (int level = 0; level < config_.levels; ++level) total += 1 / pyramid_.scale(level);
   for (int level = 0; level < config_.levels; ++level) {
-    const double share = config_.features / pyramid_.scale(level) / total;
+    const double share = share_ * config_.features / pyramid_.scale(level) / total;
     extract_level(level, static_cast<std::size_t>(std::lround(share)), out);
   }
 }

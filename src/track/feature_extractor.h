@@ -36,6 +36,8 @@ class FeatureExtractor {
  public:
   FeatureExtractor(Arena& arena, const Config::Track& config, const CameraModel& camera);
   void extract(ImageView<const std::uint8_t> grey, FrameFeatures& out);
+  /// Of `track.features`, how much is looked for from the next frame on; 1 at first.
+  void set_share(double share) { share_ = share; }
   double scale(int octave) const { return pyramid_.scale(octave); }
 
  private:
@@ -48,6 +50,7 @@ class FeatureExtractor {
     std::uint16_t rank;  // how many stronger corners the same cell has
   };
   Config::Track config_;
+  double share_ = 1;
   CameraModel camera_;
   Pyramid pyramid_;
   DescriptorPattern pattern_;

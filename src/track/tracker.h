@@ -38,6 +38,9 @@ class Tracker {
   /// Tracks one frame. `mask` says what moves in it. The result stays valid until the next call.
   const TrackingResult& track(const FrameSlot& frame, const DynamicMask& mask);
 
+  /// Of `track.features`, how much is looked for from the next frame on: less, to save time.
+  void set_feature_share(double share) { extractor_.set_share(share); }
+
   /// Where the camera sits on the robot (camera.T_base_camera); odom begins at the base. Identity when
   /// unknown.
   Pose T_base_camera() const { return T_base_camera_; }

@@ -6,7 +6,7 @@ import re
 import socket
 import unittest
 
-from program import (CAMERA, DETECTOR, DONE, GROUNDTRUTH, LOG, MODEL, NO_DETECTOR, QUIET, RUN_FAILED, SOURCE,
+from program import (CAMERA, DETECTOR, DONE, FRAMES, GROUNDTRUTH, LOG, MODEL, NO_DETECTOR, QUIET, RUN_FAILED, SOURCE,
                      UNREADABLE_INPUT, WRONG_CONFIG, ProgramTest, link_log, run_args, stillmap)
 
 
@@ -24,14 +24,15 @@ class Help(ProgramTest):
             self.assertIn(command, whole.stdout)
             self.assertEqual(stillmap(command, "--help").returncode, DONE)
         options = stillmap("run", "--help").stdout
-        for option in ("--config", "--set", "--source", "--mode", "--trajectory", "--map", "--report", "--groundtruth", "--listen"):
+        for option in ("--config", "--set", "--source", "--mode", "--trajectory", "--map", "--report", "--groundtruth", "--listen",
+                       "--loop", "--duration"):
             self.assertIn(option, options)
 
 
 class Arguments(ProgramTest):
     def test_wrong_arguments(self):
         for args in ([], ["fly"], ["run", "--fly"], ["run"], run_args("--mode", "slow"), run_args("--detector-delay", "-1"),
-                     run_args("--detector-every", "0"), run_args("--duration", "-1"), ["eval"], ["check", "stray"]):
+                     run_args("--detector-every", "0"), run_args("--duration", "-1"), run_args("--loop", "0"), ["eval"], ["check", "stray"]):
             with self.subTest(args=args):
                 self.assert_error(stillmap(*args), WRONG_CONFIG, "--help", lines=1)
 
@@ -90,13 +91,48 @@ class Arguments(ProgramTest):
         self.assert_error(stillmap(*run_args(listen=["--listen", "everywhere"])), WRONG_CONFIG, "ADDR:PORT")
 
 
+class Modes(ProgramTest):
+    def test_the_detectors_timing_is_lockstep_s(self):
+        for mode in ([], ["--mode", "realtime"], ["--mode", "fast"]):
+            for option in ("--detector-delay", "--detector-every"):
+                self.assert_error(stillmap(*run_args(*mode, option, "1")), WRONG_CONFIG, option, "--mode lockstep", lines=1)
+
+    def test_live_is_for_cameras(self):
+        self.assert_error(stillmap(*run_args("--mode", "live")), WRONG_CONFIG, "--mode live", "cameras", "realtime", lines=1)
+
+    def test_fast_drops_nothing(self):
+        report, detector_off = self.path / "r.json", NO_DETECTOR
+        result = stillmap(*run_args("--mode", "fast", "--loop", "3", "--report", report, detector=detector_off))
+        self.assertEqual(result.returncode, DONE, result.stderr)
+        r = json.loads(report.read_text())
+        self.assertEqual((r["mode"], r["frames"]), ("fast", {"offered": 3 * FRAMES, "processed": 3 * FRAMES, "dropped": {}}))
+
+    def test_accuracy_is_the_first_pass(self):
+        found = {}
+        for loops in ("1", "2"):
+            trajectory, report = self.path / f"t{loops}.txt", self.path / f"r{loops}.json"
+            result = stillmap(*run_args("--mode", "lockstep", "--loop", loops, "--trajectory", trajectory, "--report", report, "--groundtruth",
+                                        GROUNDTRUTH))
+            self.assertEqual(result.returncode, DONE, result.stderr)
+            stamps = [float(line.split()[0]) for line in trajectory.read_text().splitlines() if not line.startswith("#")]
+            self.assertEqual(stamps, sorted(set(stamps)))
+            self.assertEqual(len(stamps), int(loops) * FRAMES)
+            found[loops] = json.loads(report.read_text())["accuracy"]
+        self.assertEqual(found["1"], found["2"])
+
+
 class Plan(ProgramTest):
     def rows(self, text):
         lines = text.splitlines()
-        rows = [re.fullmatch(r"(\S+) +(\d+) +(\d+) +([\d.]+) +[\d.]+%", l) for l in lines[1:-1]]
+        rows = [re.fullmatch(r"(\S+) +(\d+) +(\d+) +([\d.]+) +[\d.]+%", l) for l in lines[1:-2]]
         self.assertTrue(all(rows), text)
-        total = re.fullmatch(r"total +([\d.]+) \(budget ([\d.]+) MB\)", lines[-1])
+        total = re.fullmatch(r"total +([\d.]+) \(budget ([\d.]+) MB\)", lines[-2])
         self.assertTrue(total, text)
+        frames = re.fullmatch(r"frames: (\d+) = (.*)", lines[-1])
+        self.assertTrue(frames, text)
+        self.assertEqual(int(frames[1]), sum(int(n) for n in re.findall(r"\d+", frames[2])))
+        depth = next(r for r in rows if r[1] == "frames.depth")
+        self.assertEqual(int(depth[2]), int(frames[1]) * 640 * 480)
         return [(r[1], int(r[2]) * int(r[3]), float(r[4])) for r in rows], float(total[1]), float(total[2])
 
     def test_the_sum_is_the_total(self):
@@ -134,6 +170,9 @@ class Check(ProgramTest):
     def test_every_shipped_profile(self):
         for camera in (SOURCE / "firmware-config/cameras").glob("*.toml"):
             self.assertEqual(stillmap("check", "--config", camera).returncode, DONE, camera)
+        for board in (SOURCE / "firmware-config/boards").glob("*.toml"):
+            result = stillmap("plan", *CAMERA, "--config", board)  # and what it plans is within its own budget
+            self.assertEqual(result.returncode, DONE, result.stderr)
 
     def test_dump_says_every_key_and_where_it_came_from(self):
         own = self.path / "own.toml"

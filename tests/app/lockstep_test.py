@@ -33,8 +33,15 @@ class Lockstep(ProgramTest):
         return files, report
 
     def test_with_the_detector(self):
-        _, report = self.assert_same_twice()
+        _, report = self.assert_same_twice("--detector-delay", "0", "--detector-every", "1")
         self.assertEqual(report["detector"]["runs"], FRAMES)
+        self.assertEqual(report["detector"]["frames_with_fresh_boxes"], FRAMES)
+        self.assertLess(report["accuracy"]["ate_rmse_m"], 0.05)
+
+    def test_as_measured_live(self):
+        _, report = self.assert_same_twice()
+        self.assertEqual(report["detector"]["runs"], (FRAMES + 1) // 2)
+        self.assertEqual(report["detector"]["frames_without_boxes"], 2)
         self.assertLess(report["accuracy"]["ate_rmse_m"], 0.05)
 
     def test_with_a_detector_that_is_late_and_seldom(self):

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """SIGINT and SIGTERM end a run within 2 s, with exit code 0 and every output complete."""
 import json
+import os
 import random
 import signal
 import subprocess
@@ -35,11 +36,12 @@ class Signals(ProgramTest):
         out, err = process.communicate(timeout=60)
         return process.returncode, time.monotonic() - begin, out, err
 
-    def assert_complete(self):
-        report = json.loads((self.path / "r.json").read_text())
-        poses = [l for l in (self.path / "t.txt").read_text().splitlines() if not l.startswith("#")]
+    def assert_complete(self, folder=None):
+        folder = folder or self.path
+        report = json.loads((folder / "r.json").read_text())
+        poses = [l for l in (folder / "t.txt").read_text().splitlines() if not l.startswith("#")]
         self.assertEqual(len(poses), report["tracking"]["tracked"] + report["tracking"]["weak"])
-        head, _, body = (self.path / "m.ply").read_bytes().partition(b"end_header\n")
+        head, _, body = (folder / "m.ply").read_bytes().partition(b"end_header\n")
         self.assertIn(f"element vertex {report['map']['voxels']}\n".encode(), head)
         self.assertEqual(len(body), 15 * report["map"]["voxels"])
         self.assertEqual(report["frames"]["offered"], report["frames"]["processed"] + sum(report["frames"]["dropped"].values()))
@@ -56,6 +58,17 @@ class Signals(ProgramTest):
                         self.assertEqual((code, out), (DONE, ""), err)
                         self.assertLess(took_s, 2)
                         self.assertGreater(self.assert_complete()["frames"]["processed"], 0)
+
+    def test_at_random_moments(self):
+        log = endless_log(self.path / "log")
+        for number in range(int(os.environ.get("STILLMAP_SHUTDOWNS", "24"))):
+            mode, after_s = random.choice(("realtime", "fast")), random.uniform(0, 0.8)
+            with self.subTest(number=number, mode=mode, after_s=after_s):
+                args = run_args("--mode", mode, *self.outputs(self.path / "out"), log=log, detector=DETECTOR, listen=["--listen", "127.0.0.1:0"])
+                code, took_s, _, err = self.stop(random.choice((signal.SIGINT, signal.SIGTERM)), args, after_s, "stream: open")
+                self.assertEqual(code, DONE, err)
+                self.assertLess(took_s, 2)
+                self.assert_complete(self.path / "out")
 
     def test_while_it_starts(self):
         log = endless_log(self.path / "log")

@@ -50,10 +50,10 @@ TEST(ConfigKeys, AMisspeltOneIsRefusedWithTheNearest) {
 
 TEST(ConfigKeys, AWrongTypeIsRefusedWithWhatWasExpected) {
   for (const ConfigEntry& key : every_key()) {
-    const bool is_text = key.value.starts_with('"');
+    const bool is_text = key.value.starts_with('"'), is_flag = key.value == "true" || key.value == "false";
     for (const std::string& wrong :
          is_text ? std::vector<std::string>{"5", "true", "[\"a\"]", "{a = 1}"}
-                 : std::vector<std::string>{"\"text\"", "true", "[true]", "1979-05-27"}) {
+                 : std::vector<std::string>{"\"text\"", is_flag ? "1" : "true", "[true]", "1979-05-27"}) {
       EXPECT_THAT(
           error_of(key.key + " = " + wrong),
           testing::AllOf(HasSubstr("--set: key '" + key.key + "' = "), HasSubstr("does not fit; expected ")))

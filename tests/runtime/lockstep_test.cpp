@@ -28,14 +28,14 @@ struct Finished {
 Finished run_once(int delay, int every, bool with_detector) {
   auto driver = wall_driver(true, wall_frames(kFrames));
   RunOptions options;
-  options.detector_delay = delay;
-  options.detector_every = every;
+  options.detector = {delay, every};
   Pipeline pipeline(driver, options, with_detector);
   run_lockstep(*pipeline.context);
   pipeline.expect_accounted();
   EXPECT_EQ(pipeline.context->counters.processed.load(), static_cast<std::uint64_t>(kFrames));
   EXPECT_TRUE(run_outcome(*pipeline.context).ok());
-  Finished out{pipeline.context->track_log.causal,
+  const auto& causal = pipeline.context->track_log.causal;
+  Finished out{{causal.begin(), causal.end()},
                {},
                pipeline.stages->track.box_supply(),
                pipeline.stages->map.counts(),
@@ -109,6 +109,18 @@ TEST(Lockstep, NoUsableFrameIsUnreadableInput) {
   ASSERT_FALSE(outcome.ok());
   EXPECT_EQ(outcome.error().exit_code, ExitCode::UnreadableInput);
   pipeline.expect_accounted();
+}
+
+TEST(Lockstep, NeverSheds) {
+  Config config = WallScene::config();
+  config.mount.fps = 240;  // a deadline that no frame keeps
+  auto driver = wall_driver(true, wall_frames(60));
+  Pipeline pipeline(driver, {}, false, config);
+  pipeline.context->on_work = [](Stage) { ADD_FAILURE() << "no threads, no watchdog"; };
+  run_lockstep(*pipeline.context);
+  EXPECT_EQ(pipeline.context->counters.quality_lowered.load(), 0u);
+  EXPECT_EQ(pipeline.context->counters.frames_shed.load(), 0u);
+  EXPECT_EQ(pipeline.context->quality.load(), 0);
 }
 
 TEST(Lockstep, EndsWhenAsked) {

@@ -58,13 +58,14 @@ struct Pipeline {
         options(std::move(o)),
         parts{.detector = with_detector,
               .stream = config.stream.listen != "off",
-              .extra_frames = options.detector_delay},
+              .log = driver.describe().is_log,
+              .lockstep_delay = options.detector.delay,
+              .trajectory_poses = 10'000},
         arena(planned_bytes(config, parts)),
         detector(with_detector ? blue_detector(config) : nullptr),
         stages(std::make_unique<Stages>(arena, config, parts)),
-        context(std::make_unique<RunContext>(config, options, driver, detector.get(), *stages, stop)) {
-    context->track_log.causal.reserve(10'000);
-  }
+        context(std::make_unique<RunContext>(config, options, options.mode.value_or(RunMode::Realtime),
+                                             driver, detector.get(), *stages, stop)) {}
   static std::size_t planned_bytes(const Config& config, const Stages::Parts& parts) {
     Arena planning;
     plan_memory(planning, config, parts);

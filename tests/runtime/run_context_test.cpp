@@ -56,6 +56,50 @@ TEST(TrackFrame, CountsAndTellsWhatBecomesOfTracking) {
   EXPECT_EQ(bench.pipeline.context->track_log.causal.size(), 7u);
 }
 
+TEST(AdaptQuality, LateFramesGiveUpDetectorFeaturesAndFusionAndTakeThemBack) {
+  TrackFrameBench bench;
+  RunContext& context = *bench.pipeline.context;
+  int next = 0;
+  // One frame that had its pose so long after it was due.
+  const auto frame_after = [&](Nanoseconds latency) {
+    FrameHandle frame = bench.pipeline.stages->frames.acquire();
+    FrameSlot& slot = frame.writable();
+    bench.scene.draw(next, slot);
+    make_grey(slot.colour, slot.grey);
+    slot.sequence = static_cast<std::uint64_t>(next++);
+    track_frame(context, *frame);
+    const std::size_t features = bench.pipeline.stages->track.tracker().features().size();
+    frame.writable().due_ns = monotonic_now() - latency;
+    adapt_quality(context, *frame, false);
+    return features;
+  };
+  constexpr Nanoseconds kHour = 3'600'000'000'000;
+  const std::size_t all = frame_after(0);
+  for (int i = 1; i < 30; ++i) frame_after(-kHour);  // warm
+  std::vector<int> steps;
+  for (int i = 0; i < 24; ++i) {
+    frame_after(kHour);
+    if (steps.empty() || steps.back() != context.quality.load()) steps.push_back(context.quality.load());
+  }
+  EXPECT_EQ(steps, (std::vector<int>{0, 1, 2, 3, 4, 5, 6}));
+  EXPECT_EQ(quality_now(context).detector_every, 6);
+  const std::size_t half = frame_after(-kHour);
+  EXPECT_LT(half, all * 6 / 10);
+  EXPECT_GT(half, all * 4 / 10);
+  for (int i = 0; i < 6 * 90; ++i) frame_after(-kHour);
+  EXPECT_EQ(context.quality.load(), 0);
+  EXPECT_GT(frame_after(-kHour), all * 9 / 10);
+  EXPECT_EQ(context.counters.quality_lowered.load(), 6u);
+  EXPECT_EQ(context.counters.quality_raised.load(), 6u);
+  EXPECT_GT(context.counters.frames_shed.load(), 500u);
+  std::vector<int> told;
+  while (const auto e = context.events_of(Stage::Track).try_pop()) {
+    if (e->code == EventCode::QualityLowered || e->code == EventCode::QualityRaised)
+      told.push_back(static_cast<int>(e->a));
+  }
+  EXPECT_EQ(told, (std::vector<int>{1, 2, 3, 4, 5, 6, 5, 4, 3, 2, 1, 0}));
+}
+
 TEST(TrackFrame, NotesTheTrackersPoolsForOtherThreads) {
   TrackFrameBench bench;
   EXPECT_EQ(bench.pipeline.context->counters.points.name.load(), nullptr);

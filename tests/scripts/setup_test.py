@@ -75,7 +75,7 @@ class SetupTest(unittest.TestCase):
         self.assertEqual(len(self.asked()), 2)
 
     def test_refusals(self):
-        self.refused(self.setup("--all"), "usage: setup.sh [--tests]")
+        self.refused(self.setup("--all"), "usage: setup.sh [--tests|--bench]")
         self.installed("cmake")
         self.command("id", "echo 1000")
         self.refused(self.setup(), "there is no sudo; run as root: apt-get install --no-install-recommends cmake")

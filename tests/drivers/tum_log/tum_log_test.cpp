@@ -74,6 +74,34 @@ class TumLogFolder : public testing::Test {
   test::TemporaryFolder folder_;
 };
 
+TEST_F(TumLogFolder, LoopsGoForwardsAndBackwardsInTurn) {
+  write_good(3);
+  test::write_text(folder_.path() / "associations.txt",
+                   "1.0 rgb/0.png 1.010 depth/0.png\n1.1 rgb/none.png 1.100 depth/1.png\n"
+                   "1.2 rgb/2.png 1.195 depth/2.png\n");
+  TumLog log(folder_.path().string(), kWidth, kHeight, 3);
+  ASSERT_TRUE(log.open().ok());
+  EXPECT_EQ(log.describe().frames, 9u);
+  EXPECT_EQ(log.colour_stamps().size(), 3u);
+  for (int start = 0; start < 2; ++start) {
+    ASSERT_TRUE(log.start().ok());
+    std::vector<Nanoseconds> colour_ms, depth_ms;
+    Slot slot(kWidth, kHeight);
+    for (int i = 0; i < 9; ++i) {
+      const GrabResult r = log.grab(slot, 0);
+      ASSERT_EQ(r.status == GrabStatus::Frame, i % 3 != 1) << i;
+      if (r.status != GrabStatus::Frame) continue;
+      colour_ms.push_back(slot.colour_ns / 1'000'000);
+      depth_ms.push_back(slot.depth_ns / 1'000'000);
+    }
+    EXPECT_EQ(log.grab(slot, 0).status, GrabStatus::EndOfStream);
+    // The middle frame has no picture. Each pass begins one interval (100 ms) after the end of the one
+    // before; backwards in time, depth that was taken later comes earlier.
+    EXPECT_EQ(colour_ms, (std::vector<Nanoseconds>{1000, 1200, 1300, 1500, 1600, 1800}));
+    EXPECT_EQ(depth_ms, (std::vector<Nanoseconds>{1010, 1195, 1305, 1490, 1610, 1795}));
+  }
+}
+
 TEST_F(TumLogFolder, DeliversPixelsAndBothStamps) {
   write_good(2);
   TumLog log(folder_.path().string(), kWidth, kHeight);

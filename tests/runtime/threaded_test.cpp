@@ -22,7 +22,7 @@ constexpr Nanoseconds kMillisecond = 1'000'000, kHour = 3'600'000'000'000;
 
 /// The run on a thread of its own, as the program's main thread is.
 struct Running {
-  explicit Running(Pipeline& p) : pipeline(p), thread([&p] { run_realtime(*p.context); }) {}
+  explicit Running(Pipeline& p) : pipeline(p), thread([&p] { run_threads(*p.context); }) {}
   /// Asks for the end; how long it took.
   double stop_s() {
     pipeline.stop.store(true);
@@ -38,12 +38,12 @@ struct Running {
   std::thread thread;
 };
 
-TEST(Realtime, ALogEndsWithEveryFrameAccounted) {
+TEST(Threads, ALogEndsWithEveryFrameAccounted) {
   for (const bool with_detector : {false, true}) {
     auto driver = wall_driver(true, wall_frames(45));
     Pipeline pipeline(driver, {}, with_detector);
     const Nanoseconds begin = monotonic_now();
-    run_realtime(*pipeline.context);
+    run_threads(*pipeline.context);
     EXPECT_GE(to_seconds(monotonic_now() - begin), 44 / 30.0);  // on the wall clock
     EXPECT_EQ(pipeline.context->counters.offered.load(), 45u);
     EXPECT_GT(pipeline.context->counters.processed.load(), 0u);
@@ -55,7 +55,7 @@ TEST(Realtime, ALogEndsWithEveryFrameAccounted) {
   }
 }
 
-TEST(Realtime, StopsWithinTwoSecondsAtAnyMoment) {
+TEST(Threads, StopsWithinTwoSecondsAtAnyMoment) {
   Random random(static_cast<std::uint64_t>(monotonic_now()));
   for (int round = 0; round < 20; ++round) {
     auto driver = wall_driver(true, wall_frames(100'000));
@@ -69,7 +69,7 @@ TEST(Realtime, StopsWithinTwoSecondsAtAnyMoment) {
   }
 }
 
-TEST(Realtime, StopsWithinAPauseOfTheLog) {
+TEST(Threads, StopsWithinAPauseOfTheLog) {
   std::vector<Grab> grabs = wall_frames(4);
   for (std::size_t i = 2; i < grabs.size(); ++i) grabs[i].stamp_ns += kHour;
   auto driver = wall_driver(true, grabs);
@@ -81,20 +81,20 @@ TEST(Realtime, StopsWithinAPauseOfTheLog) {
   pipeline.expect_accounted();
 }
 
-TEST(Realtime, ACameraThatStallsAndComesBackLosesNothing) {
+TEST(Threads, ACameraThatStallsAndComesBackLosesNothing) {
   std::vector<Grab> grabs = wall_frames(20);
   for (Grab& g : grabs) g.takes_ns = 30 * kMillisecond;
   for (int i = 0; i < 3; ++i)
     grabs.insert(grabs.begin() + 10, {.status = GrabStatus::Timeout, .takes_ns = kHour});
   auto driver = wall_driver(false, grabs);
   Pipeline pipeline(driver);
-  run_realtime(*pipeline.context);
+  run_threads(*pipeline.context);
   EXPECT_EQ(pipeline.context->counters.offered.load(), 20u);
   EXPECT_GE(pipeline.context->track_log.causal.size(), 2u);
   pipeline.expect_accounted();
 }
 
-TEST(Realtime, StopsWhileTheCameraIsSilent) {
+TEST(Threads, StopsWhileTheCameraIsSilent) {
   std::vector<Grab> grabs = wall_frames(2);
   grabs.insert(grabs.end(), 10'000, {.status = GrabStatus::Timeout, .takes_ns = kHour});
   auto driver = wall_driver(false, grabs);
@@ -105,7 +105,7 @@ TEST(Realtime, StopsWhileTheCameraIsSilent) {
   pipeline.expect_accounted();
 }
 
-TEST(Realtime, ALostCameraEndsTheRunAndFailsIt) {
+TEST(Threads, ALostCameraEndsTheRunAndFailsIt) {
   std::vector<Grab> grabs = wall_frames(10);
   for (Grab& g : grabs) g.takes_ns = 20 * kMillisecond;
   grabs.push_back({.status = GrabStatus::Lost});
@@ -113,7 +113,7 @@ TEST(Realtime, ALostCameraEndsTheRunAndFailsIt) {
   RunOptions options;
   options.source = "wall:0";
   Pipeline pipeline(driver, options, true);
-  run_realtime(*pipeline.context);
+  run_threads(*pipeline.context);
   const Status outcome = run_outcome(*pipeline.context);
   ASSERT_FALSE(outcome.ok());
   EXPECT_EQ(outcome.error().exit_code, ExitCode::RunFailed);
@@ -122,7 +122,7 @@ TEST(Realtime, ALostCameraEndsTheRunAndFailsIt) {
   pipeline.expect_accounted();
 }
 
-TEST(Realtime, DropsRepeatsAndJumpsInTimeAreCounted) {
+TEST(Threads, DropsRepeatsAndJumpsInTimeAreCounted) {
   std::vector<Grab> grabs = wall_frames(30);
   for (Grab& g : grabs) g.takes_ns = 20 * kMillisecond;
   grabs[5] = {.status = GrabStatus::Dropped, .reason = DropReason::CorruptDepth};
@@ -132,36 +132,147 @@ TEST(Realtime, DropsRepeatsAndJumpsInTimeAreCounted) {
   for (std::size_t i = 20; i < grabs.size(); ++i) grabs[i].stamp_ns += kHour;
   auto driver = wall_driver(false, grabs);
   Pipeline pipeline(driver);
-  run_realtime(*pipeline.context);
+  run_threads(*pipeline.context);
   EXPECT_EQ(pipeline.context->counters.offered.load(), 30u);
   EXPECT_EQ(pipeline.dropped(DropReason::CorruptDepth), 1u);
   EXPECT_EQ(pipeline.dropped(DropReason::TimeJump), 3u);
   ASSERT_FALSE(pipeline.context->track_log.causal.empty());
-  EXPECT_GT(pipeline.context->track_log.causal.back().stamp_ns, kHour);  // tracked on after the jump
+  EXPECT_GT(pipeline.context->track_log.causal.end()[-1].stamp_ns, kHour);  // tracked on after the jump
   pipeline.expect_accounted();
 }
 
-TEST(Realtime, ABurstIsThinnedOutNotQueued) {
+TEST(Threads, ABurstIsThinnedOutNotQueued) {
   auto driver = wall_driver(false, wall_frames(200));  // as fast as they are drawn
   Pipeline pipeline(driver);
-  run_realtime(*pipeline.context);
+  run_threads(*pipeline.context);
   EXPECT_EQ(pipeline.context->counters.offered.load(), 200u);
   EXPECT_GT(pipeline.dropped(DropReason::TrackerBehind), 0u);
   pipeline.expect_accounted();
 }
 
-TEST(Realtime, TheSmallestPoolStarvesNobody) {
-  Config config = WallScene::config();
-  config.runtime.frame_pool = 8;
-  auto driver = wall_driver(true, wall_frames(45));
-  Pipeline pipeline(driver, {}, true, config);
-  run_realtime(*pipeline.context);
-  EXPECT_EQ(pipeline.context->counters.offered.load(), 45u);
+TEST(Threads, FastTracksEveryFrameInOrder) {
+  for (const bool with_detector : {false, true}) {
+    auto driver = wall_driver(true, wall_frames(200));
+    RunOptions options;
+    options.mode = RunMode::Fast;
+    Pipeline pipeline(driver, options, with_detector);
+    run_threads(*pipeline.context);
+    EXPECT_EQ(pipeline.context->counters.processed.load(), 200u);
+    EXPECT_EQ(pipeline.dropped(), 0u);
+    EXPECT_EQ(pipeline.context->track_log.causal.size(), 200u);
+    if (!with_detector) {
+      EXPECT_EQ(pipeline.stages->map.map().fused_frames(), 100u);  // every second, none lost on the way
+    }
+    pipeline.expect_accounted();
+  }
+}
+
+TEST(Threads, FastStopsWithinTwoSecondsAndCountsWhatWasOffered) {
+  Random random(static_cast<std::uint64_t>(monotonic_now()));
+  for (int round = 0; round < 10; ++round) {
+    auto driver = wall_driver(true, wall_frames(100'000));
+    RunOptions options;
+    options.mode = RunMode::Fast;
+    Pipeline pipeline(driver, options);
+    Running running(pipeline);
+    const std::uint32_t after_us = random.below(200'000);
+    std::this_thread::sleep_for(std::chrono::microseconds(after_us));
+    EXPECT_LT(running.stop_s(), 2) << "asked after " << after_us << " us";
+    EXPECT_EQ(pipeline.dropped(), 0u);
+    pipeline.expect_accounted();
+  }
+}
+
+/// Holds stages up at their next piece of work.
+class Gate {
+ public:
+  explicit Gate(RunContext& context) {
+    context.on_work = [this](Stage stage) {
+      std::atomic<bool>& held = held_[static_cast<std::size_t>(stage)];
+      while (held.load()) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    };
+  }
+  void hold(Stage stage) { held_[static_cast<std::size_t>(stage)] = true; }
+  void release_all() {
+    for (auto& held : held_) held = false;
+  }
+
+ private:
+  std::array<std::atomic<bool>, kStageCount> held_{};
+};
+
+void wait_until(const std::function<bool()>& good) {
+  while (!good()) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+}
+
+TEST(Threads, CaptureNeverStarvesWhileEveryConsumerHoldsAllItMay) {
+  std::vector<Grab> grabs = wall_frames(400);
+  for (Grab& g : grabs) g.takes_ns = 2 * kMillisecond;
+  auto driver = wall_driver(false, grabs);
+  Pipeline pipeline(driver, {}, true);
+  RunContext& context = *pipeline.context;
+  Gate gate(context);
+  Running running(pipeline);
+  running.wait_for_frames(1);
+  gate.hold(Stage::Detect);
+  gate.hold(Stage::Map);
+  const std::uint64_t tracked = context.counters.processed.load();
+  running.wait_for_frames(tracked + 8);  // whatever the map's ring has no room for is not waited for
+  gate.hold(Stage::Track);
+  const std::uint64_t offered = context.counters.offered.load();
+  wait_until([&] { return context.counters.offered.load() >= offered + 30; });
+  EXPECT_EQ(pipeline.dropped(DropReason::NoFreeSlot), 0u);
+  EXPECT_GT(pipeline.dropped(DropReason::TrackerBehind), 0u);
+  gate.release_all();
+  running.thread.join();
+  EXPECT_EQ(context.counters.offered.load(), 400u);
+  EXPECT_GE(pipeline.stages->frames.usage().high_water, 7u);  // some hold one frame together
+  EXPECT_GT(context.counters.map_ring.refused.load(), 0u);
   EXPECT_EQ(pipeline.dropped(DropReason::NoFreeSlot), 0u);
   pipeline.expect_accounted();
 }
 
-TEST(Realtime, ThreadsHaveTheirNames) {
+TEST(Threads, EachStageThatIsHeldUpIsNamedAndTheRunGoesOn) {
+  for (const Stage stage : {Stage::Capture, Stage::Track, Stage::Detect, Stage::Map}) {
+    auto driver = wall_driver(true, wall_frames(100'000));
+    Pipeline pipeline(driver, {}, true);
+    RunContext& context = *pipeline.context;
+    Gate gate(context);
+    Running running(pipeline);
+    running.wait_for_frames(2);
+    gate.hold(stage);
+    const auto late = [&](Stage s) { return context.counters.late[static_cast<std::size_t>(s)].load(); };
+    wait_until([&] { return late(stage) > 0; });
+    gate.release_all();
+    const std::uint64_t before = context.counters.processed.load();
+    running.wait_for_frames(before + 5);
+    EXPECT_LT(running.stop_s(), 2) << to_string(stage);
+    pipeline.expect_accounted();
+  }
+}
+
+TEST(Threads, TheEndOfTheStreamComesThroughFullRings) {
+  for (const RunMode mode : {RunMode::Realtime, RunMode::Fast}) {
+    auto driver = wall_driver(true, wall_frames(40));
+    RunOptions options;
+    options.mode = mode;
+    Pipeline pipeline(driver, options);
+    Gate gate(*pipeline.context);
+    gate.hold(Stage::Map);
+    gate.hold(Stage::Track);
+    Running running(pipeline);
+    wait_until([&] { return pipeline.context->counters.offered.load() >= 5; });
+    gate.release_all();
+    running.thread.join();
+    EXPECT_EQ(pipeline.context->counters.offered.load(), 40u);
+    if (mode == RunMode::Fast) {
+      EXPECT_EQ(pipeline.context->counters.processed.load(), 40u);
+    }
+    pipeline.expect_accounted();
+  }
+}
+
+TEST(Threads, HaveTheirNames) {
   Config config = WallScene::config();
   config.stream.listen = "127.0.0.1:0";
   auto driver = wall_driver(true, wall_frames(100'000));
@@ -175,7 +286,7 @@ TEST(Realtime, ThreadsHaveTheirNames) {
     std::getline(std::ifstream(task.path() / "comm") >> std::ws, name);
     names.insert(name);
   }
-  for (const char* expected : {"capture", "track", "map", "detect", "stream"})
+  for (const char* expected : {"decode", "capture", "track", "map", "detect", "stream"})
     EXPECT_EQ(names.count(expected), 1u) << expected;
   EXPECT_LT(running.stop_s(), 2);
   pipeline.stages->stream->stop();

@@ -1,0 +1,20 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# Measures the runtime on two cores of this machine and prints a table, then each part beside a baseline.
+#
+#   bench.sh [--log DIR --camera FILE --model FILE] [--seconds 60] [--runs 5]
+#
+# Options as of bench.py. STILLMAP_BENCH_MODELS="int8.onnx fp32.onnx" names networks to time side by side.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+
+scripts/setup.sh --bench
+mkdir -p build/bench
+log=build/bench/build.txt
+{ cmake --preset release -DSTILLMAP_BENCHES=ON && cmake --build --preset release --target stillmap stillmap_synth stillmap_bench; } >"$log" 2>&1 || {
+  tail -n 50 "$log" >&2
+  echo "bench.sh: the build failed; its last words are above, all of them in $log" >&2
+  exit 1
+}
+scripts/bench.py "$@"
+build/release/bin/stillmap_bench --benchmark_min_time=0.3

@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+
+namespace stillmap {
+
+// What waits between two threads. Live, a tracker or map that is further behind skips frames, and says so.
+constexpr std::size_t kReadAheadRing = 2, kTrackRing = 2, kMapRing = 2, kDetectedRing = 1;
+
+/// How many frames each part of the pipeline may hold at once. The pool is their sum, so capture starves only
+/// by fault.
+struct FrameBudget {
+  struct Line {
+    const char* who = "";
+    std::size_t frames = 0;
+  };
+  std::array<Line, 5> lines;
+  std::size_t sum() const {
+    std::size_t total = 0;
+    for (const Line& line : lines) total += line.frames;
+    return total;
+  }
+};
+
+/// `lockstep_delay`: how many frames lockstep's detector is late; it keeps them, and little else is held
+/// then.
+constexpr FrameBudget frame_budget(bool detector, bool log, std::size_t lockstep_delay) {
+  FrameBudget budget{{{
+      {"capture", 2},  // the spare that is being filled, and one in hand
+      {"read-ahead",
+       log ? kReadAheadRing + 1 : 0},    // decoded ahead of their time, and the one that waits for it
+      {"tracker", kTrackRing + 1},       // its ring and the frame at work
+      {"detector", detector ? 2u : 0u},  // waiting and at work
+      // Its ring and the frame at work; seen by the detector, and waiting for the pose
+      {"map", kMapRing + 1 + (detector ? kDetectedRing + 1 : 0)},
+  }}};
+  constexpr std::size_t kLockstepHolds = 4;  // the spare, one in hand, one at the tracker, one at the map
+  std::size_t others = 0;
+  for (const FrameBudget::Line& line : budget.lines) others += line.frames;
+  const std::size_t late = kLockstepHolds + lockstep_delay;
+  if (late > others) budget.lines[3].frames += late - others;
+  return budget;
+}
+
+}  // namespace stillmap

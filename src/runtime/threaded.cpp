@@ -1,0 +1,334 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <utility>
+
+#include "core/latest_value.h"
+#include "core/spsc_ring.h"
+#include "runtime/capture.h"
+#include "runtime/health.h"
+#include "runtime/heap_count.h"
+#include "runtime/run_context.h"
+#include "runtime/threads.h"
+#include "runtime/waker.h"
+
+namespace stillmap {
+
+namespace {
+
+constexpr Nanoseconds kMillisecond = 1'000'000;
+// A lost wake would cost this much and no more; a thread that waits sees the wish to stop as often.
+constexpr Nanoseconds kIdleWait = 50 * kMillisecond;
+
+/// The threads' shared part. Frames go (decode ->) capture -> track -> map through rings in which every item
+/// counts; the detector sees the newest frame only. The end of the stream travels as an item of its own
+/// behind the last frame, so each thread ends after its last work. In fast mode who comes to a full ring
+/// waits for room; otherwise nobody waits, and what finds no room is dropped and counted.
+struct Lanes {
+  struct FrameItem {
+    FrameHandle frame;
+    bool end = false;
+  };
+  struct MapItem {
+    PosedFrame posed;
+    bool end = false;
+  };
+  SpscRing<FrameItem, kReadAheadRing> decoded;
+  SpscRing<FrameItem, kTrackRing> to_track;
+  LatestValue<FrameHandle> to_detect;
+  LatestValue<Detections> boxes_to_track;
+  SpscRing<DetectedFrame, kDetectedRing> boxes_to_map;
+  SpscRing<MapItem, kMapRing> to_map;
+  Waker decode_waker, capture_waker, track_waker, detect_waker, map_waker, main_waker;
+  std::atomic<bool> capture_done{false}, detect_end{false}, stream_end{false};
+  std::atomic<std::uint64_t> never_due{0};  // frames read ahead of a stop, which nobody gets
+};
+
+/// Pushes when there is room; who takes from the ring wakes `self`. False, without a push, on a wish to stop.
+template <class Ring, class Item>
+bool push_waiting(Ring& ring, Item&& item, Waker& consumer, Waker& self, const std::atomic<bool>* stop) {
+  for (;;) {
+    const std::uint32_t ticket = self.ticket();
+    if (ring.size() < Ring::capacity()) break;
+    if (stop != nullptr && stop->load(std::memory_order_relaxed)) return false;
+    self.wait(ticket, kIdleWait);
+  }
+  STILLMAP_CHECK(ring.try_push(std::forward<Item>(item)));
+  consumer.wake();
+  return true;
+}
+
+/// A log's frames, ahead of their time.
+void decode_thread(RunContext& context, Lanes& lanes) {
+  Capture capture(context.driver, context.stages.frames, context.counters, context.capture_log,
+                  context.options.duration_s);
+  for (bool more = true; more && !context.stop.load(std::memory_order_relaxed);) {
+    Lanes::FrameItem item;
+    const std::uint32_t ticket = lanes.decode_waker.ticket();
+    switch (capture.next(item.frame, 0)) {
+      case Capture::Outcome::Frame:
+        more = push_waiting(lanes.decoded, std::move(item), lanes.capture_waker, lanes.decode_waker,
+                            &context.stop);
+        if (!more) lanes.never_due.fetch_add(1, std::memory_order_relaxed);
+        break;
+      case Capture::Outcome::Nothing:
+        // Dropped, and counted; or a frame that waits until the stages have let go of another.
+        if (capture.waits_for_room()) lanes.decode_waker.wait(ticket, kMillisecond);
+        break;
+      default:
+        more = false;
+    }
+  }
+  push_waiting(lanes.decoded, Lanes::FrameItem{{}, true}, lanes.capture_waker, lanes.decode_waker,
+               &context.stop);
+}
+
+/// The next frame of a log, when it has been decoded. False at the end.
+bool next_decoded(RunContext& context, Lanes& lanes, FrameHandle& out) {
+  const AtWork waiting(context, Stage::Capture);
+  while (!context.stop.load(std::memory_order_relaxed)) {
+    const std::uint32_t ticket = lanes.capture_waker.ticket();
+    if (auto item = lanes.decoded.try_pop()) {
+      lanes.decode_waker.wake();
+      out = std::move(item->frame);
+      return !item->end;
+    }
+    lanes.capture_waker.wait(ticket, kIdleWait);
+  }
+  return false;
+}
+
+/// Hands a frame to tracker and detector. False on a wish to stop.
+bool offer_frame(RunContext& context, Lanes& lanes, FrameHandle frame) {
+  FrameHandle for_detector = frame.share();
+  if (context.mode == RunMode::Fast) {
+    if (!push_waiting(lanes.to_track, Lanes::FrameItem{std::move(frame), false}, lanes.track_waker,
+                      lanes.capture_waker, &context.stop)) {
+      lanes.never_due.fetch_add(1, std::memory_order_relaxed);
+      return false;
+    }
+  } else if (lanes.to_track.try_push({std::move(frame), false})) {
+    lanes.track_waker.wake();
+  } else {
+    context.counters.drop(DropReason::TrackerBehind);
+    return true;
+  }
+  const int every = quality_now(context).detector_every;
+  if (context.detector != nullptr && for_detector->sequence % static_cast<std::uint64_t>(every) == 0) {
+    lanes.to_detect.publish(std::move(for_detector));
+    lanes.detect_waker.wake();
+  }
+  return true;
+}
+
+/// A log's frames, each when it is due: on the wall clock, or at once.
+void play_log(RunContext& context, Lanes& lanes) {
+  Nanoseconds start_ns = 0, first_stamp_ns = 0;
+  for (FrameHandle frame; next_decoded(context, lanes, frame);) {
+    Nanoseconds due_ns = monotonic_now();
+    if (context.mode != RunMode::Fast) {
+      if (start_ns == 0) {
+        start_ns = due_ns;
+        first_stamp_ns = frame->colour_ns;
+      }
+      due_ns = start_ns + frame->colour_ns - first_stamp_ns;
+      while (monotonic_now() < due_ns && !context.stop.load(std::memory_order_relaxed)) {
+        lanes.capture_waker.wait(lanes.capture_waker.ticket(), std::min(due_ns - monotonic_now(), kIdleWait));
+      }
+      if (monotonic_now() < due_ns) {
+        lanes.never_due.fetch_add(1, std::memory_order_relaxed);
+        return;
+      }
+    }
+    frame.writable().due_ns = due_ns;
+    if (!offer_frame(context, lanes, std::move(frame))) return;
+  }
+}
+
+void play_camera(RunContext& context, Lanes& lanes) {
+  Capture capture(context.driver, context.stages.frames, context.counters, context.capture_log,
+                  context.options.duration_s);
+  for (;;) {
+    FrameHandle frame;
+    {
+      const AtWork waiting(context, Stage::Capture);
+      Capture::Outcome outcome = Capture::Outcome::Nothing;
+      while (outcome == Capture::Outcome::Nothing) {
+        if (context.stop.load(std::memory_order_relaxed)) return;
+        outcome = capture.next(frame, monotonic_now() + 100 * kMillisecond);
+      }
+      context.source_lost = outcome == Capture::Outcome::Lost;
+      if (outcome != Capture::Outcome::Frame) return;
+    }
+    offer_frame(context, lanes, std::move(frame));
+  }
+}
+
+void capture_thread(RunContext& context, Lanes& lanes) {
+  if (context.driver.describe().is_log) {
+    play_log(context, lanes);
+  } else {
+    play_camera(context, lanes);
+  }
+  push_waiting(lanes.to_track, Lanes::FrameItem{{}, true}, lanes.track_waker, lanes.capture_waker, nullptr);
+  lanes.capture_done.store(true, std::memory_order_release);
+  lanes.main_waker.wake();
+}
+
+/// The newest frame of the tracker's ring; in fast mode the next. Those that it skips are counted.
+FrameHandle next_to_track(RunContext& context, Lanes& lanes, bool& end) {
+  FrameHandle newest;
+  do {
+    if (newest && lanes.to_track.size() > 0) {
+      context.counters.drop(DropReason::TrackerBehind);
+      newest.reset();  // before the next is taken: capture may need its place
+    }
+    auto item = lanes.to_track.try_pop();
+    if (!item) break;
+    lanes.capture_waker.wake();
+    end = item->end;
+    if (item->frame) newest = std::move(item->frame);
+  } while (!end && context.mode != RunMode::Fast);
+  return newest;
+}
+
+void track_thread(RunContext& context, Lanes& lanes) {
+  std::uint64_t behind_before = 0;
+  for (bool end = false; !end;) {
+    const std::uint32_t ticket = lanes.track_waker.ticket();
+    const FrameHandle frame = next_to_track(context, lanes, end);
+    if (!frame) {
+      if (!end) lanes.track_waker.wait(ticket, kIdleWait);
+      continue;
+    }
+    Lanes::MapItem item;
+    {
+      const AtWork working(context, Stage::Track);
+      if (lanes.boxes_to_track.refresh()) context.stages.track.take_boxes(lanes.boxes_to_track.value());
+      if (track_frame(context, *frame)) context.stages.track.fill_posed(frame, item.posed);
+    }
+    bool fits = true;
+    if (item.posed.frame && context.mode == RunMode::Fast) {
+      push_waiting(lanes.to_map, std::move(item), lanes.map_waker, lanes.track_waker, nullptr);
+    } else if (item.posed.frame) {
+      fits = lanes.to_map.try_push(std::move(item));
+      lanes.map_waker.wake();
+    }
+    const std::uint64_t behind = context.counters.dropped_for(DropReason::TrackerBehind);
+    if (context.mode != RunMode::Fast) adapt_quality(context, *frame, !fits || behind != behind_before);
+    behind_before = behind;
+  }
+  lanes.detect_end.store(true, std::memory_order_release);
+  lanes.detect_waker.wake();
+  push_waiting(lanes.to_map, Lanes::MapItem{{}, true}, lanes.map_waker, lanes.track_waker, nullptr);
+}
+
+void detect_thread(RunContext& context, Lanes& lanes) {
+  while (!lanes.detect_end.load(std::memory_order_acquire)) {
+    const std::uint32_t ticket = lanes.detect_waker.ticket();
+    if (!lanes.to_detect.refresh()) {
+      lanes.detect_waker.wait(ticket, kIdleWait);
+      continue;
+    }
+    const AtWork working(context, Stage::Detect);
+    DetectedFrame detected;
+    detected.frame = std::move(lanes.to_detect.value());
+    if (!detect_frame(context, *detected.frame, detected.boxes)) continue;
+    lanes.boxes_to_track.publish(detected.boxes);
+    if (lanes.boxes_to_map.try_push(std::move(detected))) lanes.map_waker.wake();
+  }
+  lanes.to_detect.refresh();
+  lanes.to_detect.value().reset();
+}
+
+void map_thread(RunContext& context, Lanes& lanes) {
+  const HeapScope scope(HeapOwner::Map);
+  std::optional<DetectedFrame> held;  // its frame has not come from the tracker yet
+  std::uint64_t newest = 0;
+  for (bool end = false; !end;) {
+    const std::uint32_t ticket = lanes.map_waker.ticket();
+    bool idle = true;
+    context.stages.map.set_fuse_factor(quality_now(context).fuse_factor);
+    while (auto item = lanes.to_map.try_pop()) {
+      lanes.track_waker.wake();
+      idle = false;
+      end |= item->end;
+      if (!item->posed.frame) continue;
+      const AtWork working(context, Stage::Map);
+      newest = item->posed.frame->sequence;
+      context.stages.map.take_frame(std::move(item->posed));
+    }
+    if (!held) held = lanes.boxes_to_map.try_pop();
+    if (held && (held->frame->sequence <= newest || end)) {
+      const AtWork working(context, Stage::Map);
+      context.stages.map.take_detected(std::move(*held));
+      held.reset();
+      idle = false;
+    }
+    context.counters.blocks.note(context.stages.map.map().usage());
+    if (context.stages.stream) {
+      const AtWork working(context, Stage::Map);
+      context.stages.map.answer_cloud_request(*context.stages.stream);
+    }
+    if (idle && !end) lanes.map_waker.wait(ticket, kIdleWait);
+  }
+}
+
+void stream_thread(RunContext& context, Lanes& lanes) {
+  const HeapScope scope(HeapOwner::Stream);
+  while (!lanes.stream_end.load(std::memory_order_acquire)) {
+    const AtWork working(context, Stage::Stream);
+    context.stages.stream->service(20);
+  }
+}
+
+void note_rings(RunContext& context, const Lanes& lanes) {
+  context.counters.read_ahead.note(lanes.decoded.usage("read_ahead"));
+  context.counters.track_ring.note(lanes.to_track.usage("track_ring"));
+  context.counters.map_ring.note(lanes.to_map.usage("map_ring"));
+  context.counters.detected_ring.note(lanes.boxes_to_map.usage("detected_ring"));
+}
+
+}  // namespace
+
+void run_threads(RunContext& context) {
+  Lanes lanes;
+  Health health(context);
+  std::vector<std::string> warnings;
+  const Config::Threads usable = usable_threads(context.config.threads, warnings);
+  for (const std::string& warning : warnings) health.warn(warning);
+  StageThread decode, capture, track, detect, map, stream;
+  const auto start = [&](StageThread& thread, ThreadRole role, void (*body)(RunContext&, Lanes&)) {
+    thread.start(role, usable, context.config.memory.lock,
+                 [&context, &lanes, body] { body(context, lanes); });
+  };
+  if (context.stages.stream) start(stream, ThreadRole::Stream, stream_thread);
+  start(map, ThreadRole::Map, map_thread);
+  if (context.detector != nullptr) start(detect, ThreadRole::Detect, detect_thread);
+  start(track, ThreadRole::Track, track_thread);
+  start(capture, ThreadRole::Capture, capture_thread);
+  if (context.driver.describe().is_log) start(decode, ThreadRole::Decode, decode_thread);
+  health.ready();
+  while (!lanes.capture_done.load(std::memory_order_acquire)) {
+    note_rings(context, lanes);
+    health.tick();
+    const std::uint32_t ticket = lanes.main_waker.ticket();
+    if (!lanes.capture_done.load(std::memory_order_acquire))
+      lanes.main_waker.wait(ticket, 100 * kMillisecond);
+  }
+  health.stopping();
+  decode.join();
+  capture.join();
+  track.join();
+  detect.join();
+  map.join();
+  while (auto item = lanes.decoded.try_pop()) lanes.never_due += item->frame ? 1 : 0;
+  context.counters.offered -= lanes.never_due;
+  context.counters.detector_skipped = lanes.to_detect.displaced();
+  note_rings(context, lanes);
+  // What the detector finished after the map had ended is let go of here, with the lanes.
+  lanes.stream_end.store(true, std::memory_order_release);
+  stream.join();
+  health.finish();
+}
+
+}  // namespace stillmap
