@@ -13,6 +13,7 @@
 #include "map/block_fuser.h"
 #include "map/block_table.h"
 #include "map/measured_depth.h"
+#include "map/mover_trail.h"
 #include "map/voxel.h"
 
 namespace stillmap {
@@ -98,6 +99,7 @@ class VoxelMap {
   const RayTable& rays_;
   BlockTable table_;
   MeasuredDepth measured_;
+  MoverTrail trail_;
   BlockFuser fuser_;
   std::span<std::int32_t> row_x_, row_y_, row_z_;  // of one picture row: the voxel each pixel's point lies in
   std::uint64_t fused_frames_ = 0, reduced_frames_ = 0;
