@@ -66,6 +66,7 @@ void Health::log_drops() {
 
 void Health::tick() {
   log_events();
+  checkpoint_.tick(monotonic_now());
   if (monotonic_now() - published_ns_ < 1'000'000'000) return;
   log_drops();
   publish();

@@ -3,6 +3,7 @@
 
 #include <array>
 
+#include "runtime/checkpoint.h"
 #include "runtime/run_context.h"
 
 namespace stillmap {
@@ -11,7 +12,8 @@ namespace stillmap {
 /// frame's way; it may use the heap.
 class Health {
  public:
-  explicit Health(RunContext& context) : context_(context) {}
+  explicit Health(RunContext& context)
+      : context_(context), checkpoint_(context.config, context.options.map, context.stages.map.copier()) {}
   /// Logs what happened since the last call; once a second, also what was dropped, and new texts for the
   /// stream.
   void tick();
@@ -23,6 +25,7 @@ class Health {
   void log_drops();
   void publish();
   RunContext& context_;
+  Checkpoint checkpoint_;
   Nanoseconds started_ns_ = monotonic_now();
   Nanoseconds published_ns_ = 0;
   std::uint64_t processed_before_ = 0;

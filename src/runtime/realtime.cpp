@@ -163,6 +163,7 @@ void map_thread(RunContext& context, Lanes& lanes) {
       held.reset();
       idle = false;
     }
+    context.stages.map.serve_checkpoint();
     context.counters.blocks.note(context.stages.map.map().usage());
     if (context.stages.stream) context.stages.map.answer_cloud_request(*context.stages.stream);
     if (idle && !end) lanes.map_waker.wait(ticket, kIdleWait);

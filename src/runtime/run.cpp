@@ -10,6 +10,7 @@
 #include "detect/model_file.h"
 #include "eval/accuracy.h"
 #include "map/ply.h"
+#include "runtime/checkpoint.h"
 #include "runtime/memory_use.h"
 #include "runtime/output_file.h"
 #include "runtime/report.h"
@@ -49,8 +50,9 @@ Status check_outputs(const RunOptions& o) {
     if (path->empty()) continue;
     if (Status s = check_writable(*path); !s.ok()) return s;
   }
-  if (!o.map.empty() && !o.map.ends_with(".ply")) {
-    return Error{ExitCode::WrongConfig, "--map " + o.map + ": expected a file name that ends in .ply"};
+  if (!o.map.empty() && !o.map.ends_with(".ply") && !is_map_file(o.map)) {
+    return Error{ExitCode::WrongConfig,
+                 "--map " + o.map + ": expected a file name that ends in .stillmap or .ply"};
   }
   return {};
 }
@@ -78,7 +80,9 @@ Status write_outputs(const RunContext& context, ReportFacts& facts,
     keep_first(write_trajectory(o.trajectory_final, context.track_log.causal, header));
   if (results && !o.map.empty()) {
     const auto timeout_ns = static_cast<Nanoseconds>(context.config.map.save_timeout_s * 1e9);
-    keep_first(write_ply(context.stages.map.map(), o.map, timeout_ns));
+    const VoxelMap& map = context.stages.map.map();
+    keep_first(is_map_file(o.map) ? write_map_file(map.blocks(), map_facts(context.config), o.map, timeout_ns)
+                                  : write_ply(map.blocks(), map.voxel_m(), o.map, timeout_ns));
   }
   if (results && !groundtruth.empty()) {
     const Result<Accuracy> accuracy = evaluate(groundtruth, context.track_log.causal, stamps);

@@ -107,7 +107,7 @@ Status replay(const std::string& config_path, const std::string& log, const std:
       static_cast<unsigned long long>(map.fused_frames()), state->unposed,
       static_cast<unsigned long long>(map.occupied_voxels()), map.point_reduction(),
       static_cast<unsigned long long>(map.blocks_evicted()));
-  return write_ply(map, out);
+  return write_ply(map.blocks(), map.voxel_m(), out);
 }
 
 }  // namespace
