@@ -17,10 +17,12 @@ class MapFiles(ProgramTest):
         file, report = self.path / name, self.path / "r.json"
         result = stillmap(*run_args("--mode", "lockstep", "--map", file, "--report", report, *args))
         self.assertEqual(result.returncode, DONE, result.stderr)
-        return file, json.loads(report.read_text())["map"]
+        report = json.loads(report.read_text())
+        self.assertEqual(report["memory"]["heap_allocations_after_start"]["map"], 0)
+        return file, report["map"]
 
     def test_info_and_points(self):
-        file, facts = self.make("m.stillmap")
+        file, facts = self.make("m.stillmap", "--set", "map.checkpoint_s=0.1")
         ply, _ = self.make("m.ply")
         info = stillmap("map", "info", file)
         self.assertEqual((info.returncode, info.stderr), (DONE, ""))
