@@ -31,7 +31,7 @@ packages=(
 case "$*" in
   "") ;;
   --tests)
-    packages+=(clang-format clang-tidy shellcheck)
+    packages+=(clang-format clang-tidy shellcheck python3-scipy)
     # The stream is tested with its protocol's official client. Any Node.js will do, also one that is not Debian's.
     command -v node >/dev/null || packages+=(nodejs)
     command -v npm >/dev/null || packages+=(npm)

@@ -15,6 +15,7 @@ int main(int argc, char** argv) {
   stillmap::add_eval_command(app, action);
   stillmap::add_plan_command(app, action);
   stillmap::add_check_command(app, action);
+  stillmap::add_map_command(app, action);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {

@@ -35,7 +35,7 @@ void add_run_command(CLI::App& app, Action& action) {
       ->check(CLI::NonNegativeNumber);
   run_app->add_option("--trajectory", o->trajectory, "Each pose as first published, TUM format");
   run_app->add_option("--trajectory-final", o->trajectory_final, "The same frames after all corrections");
-  run_app->add_option("--map", o->map, "The voxel map, .ply");
+  run_app->add_option("--map", o->map, "The voxel map, .stillmap (with checkpoints) or .ply");
   run_app->add_option("--report", o->report, "Counts, times, memory and accuracy, JSON");
   run_app->add_option("--groundtruth", o->groundtruth, "TUM trajectory to compare with");
   run_app->add_option("--listen", o->listen, "ADDR:PORT of the stream, or off");

@@ -104,6 +104,8 @@ std::vector<Key> describe(Config& c) {
       {"map.fuse_every", &c.map.fuse_every, "frames", "every n-th tracked frame is fused", 1, 100},
       {"map.max_range_m", &c.map.max_range_m, "m", "farther depth is not fused", 0.5, 20},
       {"map.save_timeout_s", &c.map.save_timeout_s, "s", "bound on writing the map at shutdown", 0.1, 600},
+      {"map.checkpoint_s", &c.map.checkpoint_s, "s",
+       "a map file is written this often while running; 0: never", 0, 86400},
       {"stream.listen", &c.stream.listen, "", "ADDR:PORT, or \"off\""},
       {"stream.max_clients", &c.stream.max_clients, "", "clients at once", 1, 64},
   };

@@ -67,6 +67,7 @@ struct Config {
     int fuse_every = 2;
     double max_range_m = 4.5;
     double save_timeout_s = 30;
+    double checkpoint_s = 60;
   } map;
   struct Stream {
     std::string listen = "127.0.0.1:8765";

@@ -30,8 +30,10 @@ std::uint8_t averaged(std::uint8_t mean, std::uint8_t value, int weight) {
 
 }  // namespace
 
-BlockFuser::BlockFuser(const CameraModel& camera, const RayTable& rays, double voxel_m, bool planning)
+BlockFuser::BlockFuser(const CameraModel& camera, const RayTable& rays, const MoverTrail& trail,
+                       double voxel_m, bool planning)
     : lens_(camera, rays, planning),
+      trail_(trail),
       voxel_m_(voxel_m),
       noise_m_at_1m_(static_cast<float>(camera.depth_noise_m_at_1m)),
       enough_points_at_1m_(static_cast<float>(kEnoughPoints * camera.fx * camera.fy * voxel_m * voxel_m)),
@@ -48,24 +50,24 @@ void BlockFuser::begin_frame(const Pose& T_map_camera_depth, const Pose& T_map_c
   frame_mark_ = frame_mark;
 }
 
-Vec3 BlockFuser::first_centre_in_depth_camera(BlockCoordinates at) const {
+Vec3 BlockFuser::first_centre_in_map(BlockCoordinates at) const {
   const auto centre_m = [this](std::int32_t block) {
     return (kBlockEdge * static_cast<double>(block) + 0.5) * voxel_m_;
   };
-  return T_depth_map_ * Vec3{centre_m(at.x), centre_m(at.y), centre_m(at.z)};
+  return {centre_m(at.x), centre_m(at.y), centre_m(at.z)};
 }
 
 bool BlockFuser::in_view(BlockCoordinates at) const {
   const double to_middle_m = (kBlockEdge - 1) * 0.5 * voxel_m_;
-  const Point middle = narrowed(first_centre_in_depth_camera(at) +
-                                T_depth_map_.R * Vec3{to_middle_m, to_middle_m, to_middle_m});
+  const Point middle =
+      narrowed(T_depth_map_ * (first_centre_in_map(at) + Vec3{to_middle_m, to_middle_m, to_middle_m}));
   const float radius_m = static_cast<float>(to_middle_m * std::sqrt(3.0));
   return middle[2] - radius_m < far_m_ && lens_.may_see(middle[0], middle[1], middle[2], radius_m);
 }
 
 BlockFuser::Change BlockFuser::fuse(BlockCoordinates at, std::span<Voxel, kBlockVoxels> voxels) const {
   static_assert(Lens::kRow == kBlockEdge);
-  const Vec3 first = first_centre_in_depth_camera(at);
+  const Vec3 first_map = first_centre_in_map(at), first = T_depth_map_ * first_map;
   const Mat3& R = T_depth_map_.R;
   const Vec3 step_y = voxel_m_ * Vec3{R(0, 1), R(1, 1), R(2, 1)};
   const Vec3 step_z = voxel_m_ * Vec3{R(0, 2), R(1, 2), R(2, 2)};
@@ -74,13 +76,15 @@ BlockFuser::Change BlockFuser::fuse(BlockCoordinates at, std::span<Voxel, kBlock
   for (int z = 0; z < kBlockEdge; ++z) {
     for (int y = 0; y < kBlockEdge; ++y) {
       const Point begin = narrowed(first + static_cast<double>(y) * step_y + static_cast<double>(z) * step_z);
-      fuse_row(begin, step_x, voxels.data() + kBlockEdge * (y + kBlockEdge * z), change);
+      const Vec3 begin_map = first_map + voxel_m_ * Vec3{0, static_cast<double>(y), static_cast<double>(z)};
+      fuse_row(begin_map, begin, step_x, voxels.data() + kBlockEdge * (y + kBlockEdge * z), change);
     }
   }
   return change;
 }
 
-void BlockFuser::fuse_row(const Point& begin, const Point& step, Voxel* voxels, Change& change) const {
+void BlockFuser::fuse_row(Vec3 begin_map, const Point& begin, const Point& step, Voxel* voxels,
+                          Change& change) const {
   const Lens::PixelRow pixels = lens_.pixels_of(begin, step);
   for (std::size_t i = 0; i < kBlockEdge; ++i) {
     Voxel& voxel = voxels[i];
@@ -94,6 +98,8 @@ void BlockFuser::fuse_row(const Point& begin, const Point& step, Voxel* voxels, 
           change.shown |= miss(voxel);
           break;
         case Evidence::Occupied:
+          if (!voxel.occupied() && trail_.near(begin_map + Vec3{static_cast<double>(i) * voxel_m_, 0, 0}))
+            break;
           if (const Bgr* colour = colour_at(p)) change.shown |= hit(voxel, *colour);
           break;
       }

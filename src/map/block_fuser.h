@@ -9,6 +9,7 @@
 #include "core/geometry.h"
 #include "core/image.h"
 #include "map/lens.h"
+#include "map/mover_trail.h"
 #include "map/voxel.h"
 
 namespace stillmap {
@@ -21,6 +22,7 @@ namespace stillmap {
 ///   enough measured points lie in the voxel, or |d| <= t / 2: evidence for occupied, and the colour there;
 ///   otherwise, d < -t: seen through, evidence for free;
 ///   otherwise nothing: behind a surface, or too near it to be sure.
+/// Where a mover has just been, nothing becomes occupied that was not.
 /// Counting points serves surfaces seen at a grazing angle: a voxel that they cross can have its centre far
 /// before them along the ray. Enough is 10 % of the pixels that the voxel's face would fill: fewer is the
 /// tail of the noise, which would make far walls twice as thick.
@@ -31,7 +33,9 @@ class BlockFuser {
     int occupied = 0;    ///< occupied voxels after the fusion
   };
 
-  BlockFuser(const CameraModel& camera, const RayTable& rays, double voxel_m, bool planning);
+  /// `trail` must outlive the fuser.
+  BlockFuser(const CameraModel& camera, const RayTable& rays, const MoverTrail& trail, double voxel_m,
+             bool planning);
 
   /// `z_m` as MeasuredDepth has it; `frame_mark` is what Voxel::last_hit holds where a point of this frame
   /// lies.
@@ -45,8 +49,9 @@ class BlockFuser {
   enum class Evidence : std::uint8_t { None, Free, Occupied };
   using Point = std::array<float, 3>;  // of the depth camera's frame, m
 
-  Vec3 first_centre_in_depth_camera(BlockCoordinates at) const;
-  void fuse_row(const Point& begin, const Point& step, Voxel* voxels, Change& change) const;
+  Vec3 first_centre_in_map(BlockCoordinates at) const;
+  /// The row of voxels whose first centre is at `begin_map` in the map, at `begin` in the depth camera.
+  void fuse_row(Vec3 begin_map, const Point& begin, const Point& step, Voxel* voxels, Change& change) const;
   Evidence evidence(const Voxel& voxel, float depth_m, float measured_m) const;
   /// The colour picture's pixel at a point; null where it is outside.
   const Bgr* colour_at(const Point& p_depth) const;
@@ -55,6 +60,7 @@ class BlockFuser {
   static bool miss(Voxel& voxel);
 
   Lens lens_;
+  const MoverTrail& trail_;
   double voxel_m_;
   float noise_m_at_1m_;
   float enough_points_at_1m_;

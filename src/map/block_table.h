@@ -77,4 +77,32 @@ class BlockTable {
   std::uint64_t occupied_voxels_ = 0, evicted_ = 0, refused_ = 0;
 };
 
+/// An occupied voxel: its centre in m in the map frame, its colour and its block.
+struct OccupiedVoxel {
+  float x = 0, y = 0, z = 0;
+  Bgr colour;
+  const Block& block;
+};
+
+/// Calls `visit(const OccupiedVoxel&)` for each occupied voxel, block by block in the order of their memory:
+/// the same fusions give the same order.
+template <class Visitor>
+void for_each_occupied(const BlockTable& table, double voxel_m, Visitor&& visit) {
+  const auto centre_m = [voxel_m](std::int32_t block, int voxel) {
+    return static_cast<float>((kBlockEdge * static_cast<double>(block) + voxel + 0.5) * voxel_m);
+  };
+  for (int i = 0; i < table.size(); ++i) {
+    const Block& block = table.block(i);
+    if (block.occupied == 0) continue;
+    const std::span<const Voxel, kBlockVoxels> voxels = table.voxels(i);
+    for (int v = 0; v < kBlockVoxels; ++v) {
+      const Voxel& voxel = voxels[static_cast<std::size_t>(v)];
+      if (!voxel.occupied()) continue;
+      visit(OccupiedVoxel{centre_m(block.at.x, v % kBlockEdge),
+                          centre_m(block.at.y, v / kBlockEdge % kBlockEdge),
+                          centre_m(block.at.z, v / (kBlockEdge * kBlockEdge)), voxel.colour, block});
+    }
+  }
+}
+
 }  // namespace stillmap

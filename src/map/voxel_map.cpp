@@ -47,7 +47,8 @@ VoxelMap::VoxelMap(Arena& arena, const Config::Map& config, const CameraModel& c
       rays_(rays),
       table_(arena, static_cast<std::size_t>(config.capacity_voxels / kBlockVoxels)),
       measured_(arena, camera, config.max_range_m),
-      fuser_(camera, rays, config.voxel_m, arena.planning()),
+      trail_(arena, camera, rays),
+      fuser_(camera, rays, trail_, config.voxel_m, arena.planning()),
       row_x_(arena.take<std::int32_t>("map_row_x", static_cast<std::size_t>(camera.width))),
       row_y_(arena.take<std::int32_t>("map_row_y", static_cast<std::size_t>(camera.width))),
       row_z_(arena.take<std::int32_t>("map_row_z", static_cast<std::size_t>(camera.width))) {}
@@ -58,6 +59,7 @@ FuseOutcome VoxelMap::fuse(const FuseInput& input) {
   // 0 marks voxels without a point, so it is no frame's mark.
   const std::uint16_t frame_mark = static_cast<std::uint16_t>(1 + (fused_frames_ - 1) % 65535);
   measured_.prepare(input.depth, input.mask);
+  trail_.add_frame(input.depth, input.mask, input.T_map_camera_depth, config_.max_range_m);
   mark_points(input, frame_mark);
   fuser_.begin_frame(input.T_map_camera_depth, input.T_map_camera_colour, measured_.z_m(), input.colour,
                      config_.max_range_m, frame_mark);

@@ -13,6 +13,7 @@
 #include "map/block_fuser.h"
 #include "map/block_table.h"
 #include "map/measured_depth.h"
+#include "map/mover_trail.h"
 #include "map/voxel.h"
 
 namespace stillmap {
@@ -37,13 +38,6 @@ enum class FuseOutcome : std::uint8_t {
   WrongPose,  ///< not finite, no rotation, or more than 1000 km from the origin
 };
 
-/// An occupied voxel: its centre in m in the map frame, its colour and its block.
-struct OccupiedVoxel {
-  float x = 0, y = 0, z = 0;
-  Bgr colour;
-  const Block& block;
-};
-
 /// The map of everything that stands still: voxels in blocks, in memory fixed at start. One thread, the map's
 /// own, calls all of it. Nothing here takes memory from the heap after construction.
 class VoxelMap {
@@ -56,22 +50,9 @@ class VoxelMap {
   /// What is known of a point of the map frame, m.
   Occupancy at(Vec3 p_map) const;
 
-  /// Calls `visit(const OccupiedVoxel&)` for each occupied voxel, block by block in the order of their
-  /// memory: the same fusions give the same order.
   template <class Visitor>
   void for_each_occupied(Visitor&& visit) const {
-    for (int i = 0; i < table_.size(); ++i) {
-      const Block& block = table_.block(i);
-      if (block.occupied == 0) continue;
-      const std::span<const Voxel, kBlockVoxels> voxels = table_.voxels(i);
-      for (int v = 0; v < kBlockVoxels; ++v) {
-        const Voxel& voxel = voxels[static_cast<std::size_t>(v)];
-        if (!voxel.occupied()) continue;
-        visit(OccupiedVoxel{centre_m(block.at.x, v % kBlockEdge),
-                            centre_m(block.at.y, v / kBlockEdge % kBlockEdge),
-                            centre_m(block.at.z, v / (kBlockEdge * kBlockEdge)), voxel.colour, block});
-      }
-    }
+    stillmap::for_each_occupied(table_, config_.voxel_m, visit);
   }
   const BlockTable& blocks() const { return table_; }
 
@@ -86,9 +67,6 @@ class VoxelMap {
   PoolUsage usage() const { return table_.usage(); }
 
  private:
-  float centre_m(std::int32_t block, int voxel) const {
-    return static_cast<float>((kBlockEdge * static_cast<double>(block) + voxel + 0.5) * config_.voxel_m);
-  }
   FuseOutcome check(const FuseInput& input) const;
   void mark_points(const FuseInput& input, std::uint16_t frame_mark);
   void place_row(int y, const Pose& T_map_camera);
@@ -98,6 +76,7 @@ class VoxelMap {
   const RayTable& rays_;
   BlockTable table_;
   MeasuredDepth measured_;
+  MoverTrail trail_;
   BlockFuser fuser_;
   std::span<std::int32_t> row_x_, row_y_, row_z_;  // of one picture row: the voxel each pixel's point lies in
   std::uint64_t fused_frames_ = 0, reduced_frames_ = 0;

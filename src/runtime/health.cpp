@@ -116,6 +116,7 @@ void Health::log_drops() {
 void Health::tick() {
   log_events();
   watch_stages(monotonic_now());
+  checkpoint_.tick(monotonic_now());
   if (monotonic_now() - published_ns_ < 1'000'000'000) return;
   log_drops();
   publish();

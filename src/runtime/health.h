@@ -4,6 +4,7 @@
 #include <array>
 #include <string>
 
+#include "runtime/checkpoint.h"
 #include "runtime/run_context.h"
 #include "runtime/service_notifier.h"
 
@@ -13,7 +14,10 @@ namespace stillmap {
 /// frame's way; it may use the heap.
 class Health {
  public:
-  explicit Health(RunContext& context) : context_(context), on_abort_(context.flight) {}
+  explicit Health(RunContext& context)
+      : context_(context),
+        on_abort_(context.flight),
+        checkpoint_(context.config, context.options.map, context.stages.map.copier()) {}
   void warn(const std::string& words);
   /// To the service manager: every stage has started.
   void ready() { notifier_.ready(); }
@@ -36,6 +40,7 @@ class Health {
   WriteOnAbort on_abort_;
   ServiceNotifier notifier_;
   std::array<bool, kStageCount> late_{};
+  Checkpoint checkpoint_;
   Nanoseconds started_ns_ = monotonic_now();
   Nanoseconds published_ns_ = 0;
   std::uint64_t processed_before_ = 0;

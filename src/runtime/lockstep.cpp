@@ -79,6 +79,7 @@ void run_lockstep(RunContext& context) {
         context.stages.map.take_detected(std::move(item->detected));
       delayed.pop();
     }
+    context.stages.map.serve_checkpoint();
     context.counters.blocks.note(context.stages.map.map().usage());
     if (context.stages.stream) {
       context.stages.map.answer_cloud_request(*context.stages.stream);

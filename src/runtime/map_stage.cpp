@@ -7,7 +7,10 @@
 namespace stillmap {
 
 MapStage::MapStage(Arena& arena, const Config& config, const RayTable& rays, bool has_detector)
-    : config_(config), map_(arena, config.map, config.camera, rays), has_detector_(has_detector) {}
+    : config_(config),
+      map_(arena, config.map, config.camera, rays),
+      copier_(arena),
+      has_detector_(has_detector) {}
 
 bool MapStage::due(std::uint64_t sequence) const {
   return map_.fused_frames() == 0 ||

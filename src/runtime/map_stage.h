@@ -3,6 +3,7 @@
 
 #include <array>
 
+#include "map/map_copier.h"
 #include "map/voxel_map.h"
 #include "runtime/latency.h"
 #include "runtime/track_stage.h"
@@ -36,7 +37,11 @@ class MapStage {
   /// Hands the stream a new cloud when it wants one and the map has changed.
   void answer_cloud_request(StreamServer& server);
 
+  /// Copies a bounded number of blocks for a checkpoint that waits for them.
+  void serve_checkpoint() { copier_.serve(map_.blocks()); }
+
   const VoxelMap& map() const { return map_; }
+  MapCopier& copier() { return copier_; }
   const FuseCounts& counts() const { return counts_; }
   const LatencyHistogram& fuse_time() const { return fuse_time_; }
 
@@ -51,6 +56,7 @@ class MapStage {
 
   Config config_;
   VoxelMap map_;
+  MapCopier copier_;
   bool has_detector_;
   int fuse_factor_ = 1;
   Nanoseconds last_boxes_ns_ = 0, newest_ns_ = 0;

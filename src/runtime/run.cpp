@@ -13,6 +13,7 @@
 #include "eval/accuracy.h"
 #include "map/ply.h"
 #include "runtime/memory_lock.h"
+#include "runtime/checkpoint.h"
 #include "runtime/memory_use.h"
 #include "runtime/output_file.h"
 #include "runtime/report.h"
@@ -53,8 +54,9 @@ Status check_outputs(const RunOptions& o, const Config& config) {
     if (path->empty()) continue;
     if (Status s = check_writable(*path); !s.ok()) return s;
   }
-  if (!o.map.empty() && !o.map.ends_with(".ply")) {
-    return Error{ExitCode::WrongConfig, "--map " + o.map + ": expected a file name that ends in .ply"};
+  if (!o.map.empty() && !o.map.ends_with(".ply") && !is_map_file(o.map)) {
+    return Error{ExitCode::WrongConfig,
+                 "--map " + o.map + ": expected a file name that ends in .stillmap or .ply"};
   }
   return {};
 }
@@ -108,7 +110,9 @@ Status write_outputs(const RunContext& context, ReportFacts& facts,
     keep_first(write_trajectory(o.trajectory_final, context.track_log.causal, header));
   if (results && !o.map.empty()) {
     const auto timeout_ns = static_cast<Nanoseconds>(context.config.map.save_timeout_s * 1e9);
-    keep_first(write_ply(context.stages.map.map(), o.map, timeout_ns));
+    const VoxelMap& map = context.stages.map.map();
+    keep_first(is_map_file(o.map) ? write_map_file(map.blocks(), map_facts(context.config), o.map, timeout_ns)
+                                  : write_ply(map.blocks(), map.voxel_m(), o.map, timeout_ns));
   }
   if (results && !groundtruth.empty()) {
     const Result<Accuracy> accuracy = evaluate(groundtruth, first_pass(context, stamps), stamps);

@@ -264,6 +264,7 @@ void map_thread(RunContext& context, Lanes& lanes) {
       held.reset();
       idle = false;
     }
+    context.stages.map.serve_checkpoint();
     context.counters.blocks.note(context.stages.map.map().usage());
     if (context.stages.stream) {
       const AtWork working(context, Stage::Map);

@@ -20,7 +20,7 @@ class Help(ProgramTest):
     def test_help_of_the_program_and_of_each_command(self):
         whole = stillmap("--help")
         self.assertEqual((whole.returncode, whole.stderr), (DONE, ""))
-        for command in ("run", "eval", "plan", "check"):
+        for command in ("run", "eval", "plan", "check", "map"):
             self.assertIn(command, whole.stdout)
             self.assertEqual(stillmap(command, "--help").returncode, DONE)
         options = stillmap("run", "--help").stdout

@@ -69,7 +69,7 @@ class Ply : public testing::Test {
 };
 
 TEST_F(Ply, holds_every_voxel_with_its_colour) {
-  ASSERT_TRUE(write_ply(map_.map(), folder_ / "m.ply").ok());
+  ASSERT_TRUE(write_ply(map_.map().blocks(), map_.map().voxel_m(), folder_ / "m.ply").ok());
   const std::vector<Vertex> vertices = read_ply(folder_ / "m.ply");
   ASSERT_EQ(vertices.size(), map_.map().occupied_voxels());
   std::size_t i = 0;
@@ -82,21 +82,21 @@ TEST_F(Ply, holds_every_voxel_with_its_colour) {
 
 TEST_F(Ply, replaces_an_older_file_with_the_same_bytes) {
   std::ofstream(folder_ / "m.ply") << std::string(1 << 20, 'x');
-  ASSERT_TRUE(write_ply(map_.map(), folder_ / "m.ply").ok());
-  ASSERT_TRUE(write_ply(map_.map(), folder_ / "n.ply").ok());
+  ASSERT_TRUE(write_ply(map_.map().blocks(), map_.map().voxel_m(), folder_ / "m.ply").ok());
+  ASSERT_TRUE(write_ply(map_.map().blocks(), map_.map().voxel_m(), folder_ / "n.ply").ok());
   EXPECT_EQ(contents(folder_ / "m.ply"), contents(folder_ / "n.ply"));
 }
 
 TEST_F(Ply, an_empty_map_is_a_valid_file) {
   test::MapUnderTest empty(test::small_camera());
-  ASSERT_TRUE(write_ply(empty.map(), folder_ / "m.ply").ok());
+  ASSERT_TRUE(write_ply(empty.map().blocks(), empty.map().voxel_m(), folder_ / "m.ply").ok());
   EXPECT_TRUE(read_ply(folder_ / "m.ply").empty());
 }
 
 TEST_F(Ply, takes_a_bare_file_name) {
   const fs::path before = fs::current_path();
   fs::current_path(folder_);
-  const Status status = write_ply(map_.map(), "m.ply");
+  const Status status = write_ply(map_.map().blocks(), map_.map().voxel_m(), "m.ply");
   fs::current_path(before);
   EXPECT_TRUE(status.ok());
   EXPECT_TRUE(fs::exists(folder_ / "m.ply"));
@@ -104,32 +104,32 @@ TEST_F(Ply, takes_a_bare_file_name) {
 
 TEST_F(Ply, a_missing_folder_is_named) {
   const std::string path = folder_ / "none" / "m.ply";
-  const Status status = write_ply(map_.map(), path);
+  const Status status = write_ply(map_.map().blocks(), map_.map().voxel_m(), path);
   ASSERT_FALSE(status.ok());
   EXPECT_EQ(status.error().exit_code, ExitCode::RunFailed);
   EXPECT_EQ(status.error().message,
             path +
                 ": cannot write the map: No such file or directory; create the folder "
-                "first or choose another one with --map");
+                "first or choose another one");
 }
 
 TEST_F(Ply, a_folder_in_the_file_s_place_is_left_alone) {
   fs::create_directories(folder_ / "m.ply" / "inside");
-  const Status status = write_ply(map_.map(), folder_ / "m.ply");
+  const Status status = write_ply(map_.map().blocks(), map_.map().voxel_m(), folder_ / "m.ply");
   ASSERT_FALSE(status.ok());
   EXPECT_TRUE(fs::exists(folder_ / "m.ply" / "inside"));
   EXPECT_EQ(files(), 1u) << "the temporary file stays";
 }
 
 TEST_F(Ply, a_folder_that_takes_no_files_is_named) {
-  const Status status = write_ply(map_.map(), "/proc/m.ply");
+  const Status status = write_ply(map_.map().blocks(), map_.map().voxel_m(), "/proc/m.ply");
   ASSERT_FALSE(status.ok());
   EXPECT_NE(status.error().message.find("/proc/m.ply"), std::string::npos);
 }
 
 TEST_F(Ply, gives_up_after_its_time_and_leaves_the_older_file_whole) {
   std::ofstream(folder_ / "m.ply") << "older";
-  const Status status = write_ply(map_.map(), folder_ / "m.ply", 0);
+  const Status status = write_ply(map_.map().blocks(), map_.map().voxel_m(), folder_ / "m.ply", 0);
   ASSERT_FALSE(status.ok());
   EXPECT_NE(status.error().message.find("raise map.save_timeout_s"), std::string::npos);
   EXPECT_EQ(fs::file_size(folder_ / "m.ply"), 5u);
@@ -144,7 +144,7 @@ TEST_F(Ply, a_full_disk_leaves_the_older_file_whole) {
   small.rlim_cur = 10'000;
   const auto old_handler = std::signal(SIGXFSZ, SIG_IGN);
   ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &small), 0);
-  const Status status = write_ply(map_.map(), folder_ / "m.ply");
+  const Status status = write_ply(map_.map().blocks(), map_.map().voxel_m(), folder_ / "m.ply");
   ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &before), 0);
   std::signal(SIGXFSZ, old_handler);
   ASSERT_FALSE(status.ok());

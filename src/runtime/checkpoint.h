@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "core/config.h"
+#include "map/map_copier.h"
+#include "map/map_file.h"
+
+namespace stillmap {
+
+/// Whether a path names the project's own map format.
+inline bool is_map_file(const std::string& path) {
+  return path.ends_with(".stillmap");
+}
+MapFacts map_facts(const Config& config);
+
+/// Writes the map to its file every `map.checkpoint_s` while the run goes on, from the blocks that a copier
+/// hands over. The health thread's; uses the heap.
+class Checkpoint {
+ public:
+  /// Does nothing where `path` is no .stillmap file or the key is 0.
+  Checkpoint(const Config& config, std::string path, MapCopier& copier);
+  void tick(Nanoseconds now);
+
+ private:
+  void write_ready();
+
+  std::string path_;
+  MapFacts facts_;
+  Nanoseconds every_ns_;
+  MapCopier& copier_;
+  Nanoseconds last_ns_ = 0;
+  std::optional<MapFileWriter> writer_;
+};
+
+}  // namespace stillmap

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Map files: written by a run, looked into, exported, and whole whenever the run is killed."""
+import json
+import re
+import subprocess
+import time
+import unittest
+
+from program import DONE, PROGRAM, UNREADABLE_INPUT, WRONG_CONFIG, ProgramTest, run_args, stillmap
+from signals_test import endless_log
+
+UP = ["--set", "camera.T_base_camera=[0, 0, 1, -0.5, 0.5, -0.5, 0.5]"]
+
+
+class MapFiles(ProgramTest):
+    def make(self, name, *args):
+        file, report = self.path / name, self.path / "r.json"
+        result = stillmap(*run_args("--mode", "lockstep", "--map", file, "--report", report, *args))
+        self.assertEqual(result.returncode, DONE, result.stderr)
+        report = json.loads(report.read_text())
+        self.assertEqual(report["memory"]["heap_allocations_after_start"]["map"], 0)
+        return file, report["map"]
+
+    def test_info_and_points(self):
+        file, facts = self.make("m.stillmap", "--set", "map.checkpoint_s=0.1")
+        ply, _ = self.make("m.ply")
+        info = stillmap("map", "info", file)
+        self.assertEqual((info.returncode, info.stderr), (DONE, ""))
+        self.assertIn(f"voxels       {facts['voxels']} occupied, of 0.04 m\n", info.stdout)
+        self.assertIn(f"blocks       {facts['blocks_used']} of", info.stdout)
+        exported = self.path / "exported.ply"
+        self.assertEqual(stillmap("map", "export", file, "--out", exported).returncode, DONE)
+        self.assertEqual(exported.read_bytes(), ply.read_bytes())
+
+    def test_floor_plan(self):
+        flat, _ = self.make("flat.stillmap")
+        self.assert_error(stillmap("map", "export", flat, "--out", self.path / "p.pgm"), WRONG_CONFIG, str(flat), "camera.T_base_camera", lines=1)
+        file, _ = self.make("m.stillmap", *UP)
+        result = stillmap("map", "export", file, "--out", self.path / "plan.pgm", "--from", "0.2", "--to", "1.6")
+        self.assertEqual(result.returncode, DONE, result.stderr)
+        width, height, pixels = re.fullmatch(rb"P5\n(\d+) (\d+)\n255\n(.*)", (self.path / "plan.pgm").read_bytes(), re.S).groups()
+        self.assertEqual(len(pixels), int(width) * int(height))
+        for grey in (0, 205, 254):
+            self.assertGreater(pixels.count(grey), 50, grey)
+        self.assertIn("image: plan.pgm\nresolution: 0.04\n", (self.path / "plan.yaml").read_text())
+
+    def test_what_is_no_map_is_refused_and_nothing_overwritten(self):
+        file, _ = self.make("m.stillmap")
+        whole, out = file.read_bytes(), self.path / "out.ply"
+        out.write_text("earlier")
+        for bytes_, word in ((whole[:-1000], "cut off"), (whole[:999] + b"x" + whole[1000:], "damaged"), (b"ply\n" * 50, "no Stillmap map")):
+            file.write_bytes(bytes_)
+            for command in (["info", file], ["export", file, "--out", out]):
+                self.assert_error(stillmap("map", *command), UNREADABLE_INPUT, str(file), word, lines=1)
+        self.assertEqual(out.read_text(), "earlier")
+        self.assert_error(stillmap("map", "export", file, "--out", "m.obj"), WRONG_CONFIG, ".ply", lines=1)
+
+    def test_a_killed_run_leaves_its_last_checkpoint(self):
+        file = self.path / "m.stillmap"
+        args = run_args("--map", file, "--set", "map.checkpoint_s=0.3", log=endless_log(self.path / "log"))
+        process = subprocess.Popen([PROGRAM, *args], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        end = time.monotonic() + 60
+        while not file.exists() and time.monotonic() < end:
+            time.sleep(0.05)
+        process.kill()
+        process.wait()
+        info = stillmap("map", "info", file)
+        self.assertEqual(info.returncode, DONE, info.stderr)
+        self.assertGreater(int(re.search(r"voxels +(\d+)", info.stdout).group(1)), 0)
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,167 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "map/map_file.h"
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+
+#include "map/map_copier.h"
+#include "tests/map/map_scene.h"
+
+namespace stillmap {
+namespace {
+
+namespace fs = std::filesystem;
+using test::MapUnderTest;
+
+class MapFiles : public testing::Test {
+ protected:
+  MapFiles() {
+    fs::create_directories(folder_);
+    map_.see(test::room(), test::turned(0), 3, 7);
+    map_.see(test::room(), test::turned(1), 3, 8);
+  }
+  ~MapFiles() override { fs::remove_all(folder_); }
+
+  const BlockTable& blocks() { return map_.map().blocks(); }
+  void write() { ASSERT_TRUE(write_map_file(blocks(), kFacts, path_).ok()); }
+  std::string contents() const {
+    std::ifstream file(path_, std::ios::binary);
+    return {std::istreambuf_iterator<char>(file), {}};
+  }
+  void put(const std::string& bytes) const { std::ofstream(path_, std::ios::binary) << bytes; }
+  std::string error_of_reading() const {
+    const Result<MapFile> read = read_map_file(path_);
+    if (read.ok()) return "none";
+    EXPECT_EQ(read.error().exit_code, ExitCode::UnreadableInput);
+    EXPECT_NE(read.error().message.find(path_), std::string::npos);
+    return read.error().message;
+  }
+
+  static constexpr MapFacts kFacts{0.04, 0x1234567890abcdef, true};
+  fs::path folder_ = fs::temp_directory_path() / ("stillmap_map_file_" + std::to_string(getpid()));
+  std::string path_ = folder_ / "room.stillmap";
+  MapUnderTest map_{test::small_camera()};
+};
+
+TEST_F(MapFiles, gives_back_every_block_and_voxel) {
+  write();
+  const Result<MapFile> read = read_map_file(path_);
+  ASSERT_TRUE(read.ok()) << read.error().message;
+  EXPECT_EQ(read.value().facts.voxel_m, kFacts.voxel_m);
+  EXPECT_EQ(read.value().facts.camera_hash, kFacts.camera_hash);
+  EXPECT_TRUE(read.value().facts.z_is_up);
+  const BlockTable& back = *read.value().blocks;
+  ASSERT_EQ(back.size(), blocks().size());
+  EXPECT_EQ(back.occupied_voxels(), blocks().occupied_voxels());
+  for (int i = 0; i < back.size(); ++i) {
+    const Block &a = back.block(i), &b = blocks().block(i);
+    ASSERT_EQ(a.at, b.at);
+    ASSERT_EQ(a.anchor_keyframe, b.anchor_keyframe);
+    ASSERT_EQ(a.fused_sequence, b.fused_sequence);
+    ASSERT_EQ(a.changed_sequence, b.changed_sequence);
+    ASSERT_EQ(a.occupied, b.occupied);
+    ASSERT_EQ(std::memcmp(back.voxels(i).data(), blocks().voxels(i).data(), kBlockVoxels * sizeof(Voxel)), 0);
+  }
+  EXPECT_EQ(std::distance(fs::directory_iterator(folder_), {}), 1) << "the temporary file stays";
+}
+
+TEST_F(MapFiles, an_empty_map_is_a_valid_file) {
+  MapFileWriter writer(path_, kFacts);
+  ASSERT_TRUE(writer.finish().ok());
+  const Result<MapFile> read = read_map_file(path_);
+  ASSERT_TRUE(read.ok());
+  EXPECT_EQ(read.value().blocks->size(), 0);
+}
+
+TEST_F(MapFiles, a_cut_file_is_never_taken_for_a_map) {
+  write();
+  const std::string whole = contents();
+  for (std::size_t length = 0; length < whole.size(); length += whole.size() / 97) {
+    put(whole.substr(0, length));
+    const std::string said = error_of_reading();
+    EXPECT_NE(said.find(length < 56 ? "is no Stillmap map" : "is cut off"), std::string::npos)
+        << length << said;
+  }
+  put(whole.substr(0, whole.size() - 4128));  // a whole block less
+  EXPECT_NE(error_of_reading().find("is cut off"), std::string::npos);
+}
+
+TEST_F(MapFiles, one_flipped_bit_anywhere_is_found) {
+  write();
+  const std::string whole = contents();
+  for (std::size_t at = 0; at < whole.size(); at += at < 64 ? 1 : whole.size() / 50) {
+    std::string flipped = whole;
+    flipped[at] = static_cast<char>(flipped[at] ^ (1 << (at % 8)));
+    put(flipped);
+    EXPECT_NE(error_of_reading(), "none") << at;
+  }
+}
+
+TEST_F(MapFiles, foreign_missing_and_later_files_are_named) {
+  EXPECT_NE(error_of_reading().find("cannot be opened"), std::string::npos);
+  put(std::string(5000, 'x'));
+  EXPECT_NE(error_of_reading().find("is no Stillmap map"), std::string::npos);
+  write();
+  std::string later = contents();
+  later[8] = 9;
+  put(later);
+  EXPECT_NE(error_of_reading().find("version 9"), std::string::npos);
+  path_ = folder_;
+  EXPECT_NE(error_of_reading(), "none");
+}
+
+TEST_F(MapFiles, a_block_that_comes_twice_counts_as_it_came_last) {
+  MapFileWriter writer(path_, kFacts);
+  std::array<Voxel, kBlockVoxels> full{}, empty{};
+  for (Voxel& voxel : full) voxel.log_odds = Voxel::kMax;
+  Block block;
+  block.at = {1, 2, 3};
+  writer.append(block, full);
+  writer.append(block, empty);
+  ASSERT_TRUE(writer.finish().ok());
+  const Result<MapFile> read = read_map_file(path_);
+  ASSERT_TRUE(read.ok());
+  EXPECT_EQ(read.value().blocks->size(), 1);
+  EXPECT_EQ(read.value().blocks->occupied_voxels(), 0u);
+}
+
+TEST_F(MapFiles, calibrations_differ_by_their_numbers) {
+  const CameraModel camera = test::small_camera();
+  CameraModel moved = camera;
+  moved.k3 = 1e-9;
+  EXPECT_EQ(calibration_hash(camera), calibration_hash(test::small_camera()));
+  EXPECT_NE(calibration_hash(camera), calibration_hash(moved));
+}
+
+TEST_F(MapFiles, a_copier_hands_over_all_blocks_in_bounded_bites) {
+  Arena arena(MapCopier::kBlocksAtOnce * sizeof(MapCopier::CopiedBlock) + 4096);
+  MapCopier copier(arena);
+  copier.serve(blocks());
+  EXPECT_TRUE(copier.ready().blocks.empty()) << "nobody asked";
+  copier.begin();
+  std::size_t seen = 0;
+  for (bool last = false; !last; copier.next()) {
+    EXPECT_TRUE(copier.ready().blocks.empty());
+    copier.serve(blocks());
+    const MapCopier::Copies copies = copier.ready();
+    copier.serve(blocks());  // what is being read is left alone
+    for (const MapCopier::CopiedBlock& copy : copies.blocks) {
+      const int index = static_cast<int>(seen++);
+      ASSERT_EQ(copy.block.at, blocks().block(index).at);
+      ASSERT_EQ(std::memcmp(copy.voxels.data(), blocks().voxels(index).data(), sizeof(copy.voxels)), 0);
+    }
+    last = copies.last;
+    EXPECT_EQ(last, seen == static_cast<std::size_t>(blocks().size()));
+  }
+  EXPECT_GT(seen, MapCopier::kBlocksAtOnce) << "the map is too small to tell";
+  copier.serve(blocks());
+  EXPECT_TRUE(copier.ready().blocks.empty()) << "the pass is over";
+}
+
+}  // namespace
+}  // namespace stillmap
