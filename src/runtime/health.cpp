@@ -43,9 +43,17 @@ std::string drop_lines(const RunCounters& c) {
 
 }  // namespace
 
+void Health::say(LogLevel level, const char* name, const std::string& text) {
+  if (level == LogLevel::Info) spdlog::info("{}: {}", name, text);
+  if (level == LogLevel::Warning) spdlog::warn("{}: {}", name, text);
+  if (context_.stages.stream) context_.stages.stream->publish_log(level, name, text);
+}
+
 void Health::log_events() {
-  const auto log = [](const Event& e) {
-    spdlog::info("{}: {} at frame {} ({})", to_string(e.stage), to_string(e.code), e.sequence, e.a);
+  const auto log = [this](const Event& e) {
+    const bool bad = e.code == EventCode::TrackingLost || e.code == EventCode::DetectorFailed;
+    say(bad ? LogLevel::Warning : LogLevel::Info, to_string(e.stage),
+        fmt::format("{} at frame {} ({})", to_string(e.code), e.sequence, e.a));
   };
   for (EventRing& ring : context_.events) {
     while (auto event = ring.try_pop()) log(*event);
@@ -59,7 +67,9 @@ void Health::log_drops() {
   for (std::size_t r = 0; r < drops_logged_.size(); ++r) {
     const std::uint64_t count = context_.counters.dropped[r].load(std::memory_order_relaxed);
     if (count == drops_logged_[r]) continue;
-    spdlog::warn("{} frames dropped: {}", count - drops_logged_[r], to_string(static_cast<DropReason>(r)));
+    say(LogLevel::Warning, to_string(Stage::Capture),
+        fmt::format("{} frames dropped: {}", count - drops_logged_[r],
+                    to_string(static_cast<DropReason>(r))));
     drops_logged_[r] = count;
   }
 }
@@ -83,6 +93,13 @@ void Health::publish() {
   const double fps = published_ns_ == 0 ? 0
                                         : static_cast<double>(processed - processed_before_) /
                                               to_seconds(now - published_ns_);
+  const std::uint64_t poses = c.tracked.load() + c.weak.load(), latency_us = c.latency_us.load();
+  const double latency_ms = poses == poses_before_
+                                ? 0
+                                : 1e-3 * static_cast<double>(latency_us - latency_before_us_) /
+                                      static_cast<double>(poses - poses_before_);
+  poses_before_ = poses;
+  latency_before_us_ = latency_us;
   published_ns_ = now;
   processed_before_ = processed;
   if (!context_.stages.stream) return;
@@ -108,7 +125,20 @@ void Health::publish() {
       "# TYPE stillmap_resident_bytes gauge\nstillmap_resident_bytes {}\n{}",
       c.offered.load(), processed, drop_lines(c), c.lost.load(), c.detector_runs.load(), c.state.load(), fps,
       rss * 1024, pool_lines(context_));
-  if (!context_.stages.stream->publish_health(json, metrics))
+  const StreamHealth health{.state = state,
+                            .uptime_s = to_seconds(now - started_ns_),
+                            .fps = fps,
+                            .latency_ms = latency_ms,
+                            .frames_offered = c.offered.load(),
+                            .frames_processed = processed,
+                            .frames_dropped = dropped,
+                            .frames_lost = c.lost.load(),
+                            .keyframes = c.keyframes.load(),
+                            .detector_runs = c.detector_runs.load(),
+                            .rss_bytes = rss * 1024,
+                            .map_blocks = c.blocks.high_water.load(),
+                            .map_blocks_capacity = c.blocks.capacity.load()};
+  if (!context_.stages.stream->publish_health(health, json, metrics))
     spdlog::warn("health text is too long for the stream");
 }
 

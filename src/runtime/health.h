@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <string>
 
 #include "runtime/run_context.h"
 
@@ -19,13 +20,14 @@ class Health {
   void finish();
 
  private:
+  void say(LogLevel level, const char* name, const std::string& text);
   void log_events();
   void log_drops();
   void publish();
   RunContext& context_;
   Nanoseconds started_ns_ = monotonic_now();
   Nanoseconds published_ns_ = 0;
-  std::uint64_t processed_before_ = 0;
+  std::uint64_t processed_before_ = 0, poses_before_ = 0, latency_before_us_ = 0;
   std::array<std::uint64_t, kDropReasonCount> drops_logged_{};
 };
 

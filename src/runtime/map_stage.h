@@ -35,6 +35,8 @@ class MapStage {
   void answer_cloud_request(StreamServer& server);
 
   const VoxelMap& map() const { return map_; }
+  /// The newest frame's stamp; 0 before the first.
+  Nanoseconds newest_ns() const { return newest_ns_; }
   const FuseCounts& counts() const { return counts_; }
   const LatencyHistogram& fuse_time() const { return fuse_time_; }
 

@@ -109,7 +109,9 @@ void track_thread(RunContext& context, Lanes& lanes) {
     }
     if (newest) {
       if (lanes.boxes_to_track.refresh()) context.stages.track.take_boxes(lanes.boxes_to_track.value());
-      if (track_frame(context, *newest)) {
+      const bool has_pose = track_frame(context, *newest);
+      if (context.detector == nullptr) offer_picture(context, newest, {});
+      if (has_pose) {
         Lanes::MapItem item;
         context.stages.track.fill_posed(newest, item.posed);
         if (lanes.to_map.try_push(std::move(item))) lanes.map_waker.wake();
@@ -136,6 +138,7 @@ void detect_thread(RunContext& context, Lanes& lanes) {
     detected.frame = std::move(lanes.to_detect.value());
     if (!detect_frame(context, *detected.frame, detected.boxes)) continue;
     lanes.boxes_to_track.publish(detected.boxes);
+    offer_picture(context, detected.frame, detected.boxes);
     if (lanes.boxes_to_map.try_push(std::move(detected))) lanes.map_waker.wake();
   }
   lanes.to_detect.refresh();
@@ -164,7 +167,7 @@ void map_thread(RunContext& context, Lanes& lanes) {
       idle = false;
     }
     context.counters.blocks.note(context.stages.map.map().usage());
-    if (context.stages.stream) context.stages.map.answer_cloud_request(*context.stages.stream);
+    answer_map_requests(context);
     if (idle && !end) lanes.map_waker.wait(ticket, kIdleWait);
   }
 }

@@ -35,6 +35,7 @@ struct RunCounters {
   Count tracked{0}, weak{0}, lost{0}, relocalized{0}, segments{0}, keyframes{0};
   Count static_features{0}, dynamic_features{0}, semi_static_features{0}, unknown_features{0};
   Count detector_runs{0}, detector_failures{0};
+  Count latency_us{0};        ///< capture to pose, sum over all poses
   std::atomic<int> state{0};  ///< TrackState
   PoolMark points, keyframe_pool, blocks;
 

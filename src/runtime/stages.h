@@ -6,6 +6,7 @@
 #include "core/arena.h"
 #include "core/config.h"
 #include "core/frame_pool.h"
+#include "runtime/block_feed.h"
 #include "runtime/map_stage.h"
 #include "runtime/track_stage.h"
 #include "stream/stream_server.h"
@@ -20,12 +21,16 @@ struct Stages {
     int extra_frames = 0;  ///< beyond runtime.frame_pool: what lockstep keeps for a late detector
   };
   Stages(Arena& arena, const Config& config, const Parts& parts)
-      : frames(arena, static_cast<std::size_t>(config.runtime.frame_pool + parts.extra_frames),
+      : frames(arena,
+               static_cast<std::size_t>(config.runtime.frame_pool + parts.extra_frames +
+                                        (parts.stream ? StreamServer::kFramesHeld : 0)),
                config.camera.width, config.camera.height),
         rays(arena, config.camera),
         track(arena, config),
         map(arena, config, rays, parts.detector) {
-    if (parts.stream) stream.emplace(config.stream, arena);
+    if (!parts.stream) return;
+    stream.emplace(config, arena);
+    block_feed.emplace(arena, static_cast<std::size_t>(config.map.capacity_voxels / kBlockVoxels));
   }
 
   FramePool frames;
@@ -33,6 +38,7 @@ struct Stages {
   TrackStage track;
   MapStage map;
   std::optional<StreamServer> stream;
+  std::optional<BlockFeed> block_feed;  ///< with the stream
 };
 
 }  // namespace stillmap
