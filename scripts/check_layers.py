@@ -13,7 +13,7 @@ from pathlib import Path
 
 SIBLINGS = {"detect", "segment", "track", "map", "stream", "eval", "drivers"}
 MAY_INCLUDE = {room: {"core"} for room in SIBLINGS} | {"core": set(), "runtime": SIBLINGS | {"core"}, "app": SIBLINGS | {"core", "runtime"}}
-GENERATED = {"foxglove.pb.h": "stream"}  # beside those that have their room's folder in their name
+GENERATED = {"foxglove.pb.h": "stream", "stillmap.pb.h": "stream"}  # beside those that have their room's folder in their name
 
 # Outside libraries: what their headers begin with, and the folders that may include them. None: a single .cpp may.
 LIBRARIES = {
@@ -24,9 +24,9 @@ LIBRARIES = {
     "CLI11": (("CLI/",), ("app",)),
     "toml++": (("toml++/",), None),
     "libspng": (("spng.h",), None),
-    "libjpeg": (("jpeglib.h", "jerror.h", "turbojpeg.h"), None),
+    "libjpeg": (("jpeglib.h", "jerror.h", "turbojpeg.h"), ("drivers", "stream")),
     "libwebsockets": (("libwebsockets.h",), None),
-    "nanopb": (("pb.h", "pb_encode.h", "pb_decode.h"), None),
+    "nanopb": (("pb.h", "pb_encode.h", "pb_decode.h"), ("stream",)),
     "OpenSSL": (("openssl/",), None),
 }
 WITHOUT_OPENCV = {"core", "map", "stream", "eval"}

@@ -31,10 +31,12 @@ packages=(
 case "$*" in
   "") ;;
   --tests)
-    packages+=(clang-format clang-tidy shellcheck python3-scipy)
+    packages+=(clang-format clang-tidy shellcheck openssl python3-scipy)
     # The stream is tested with its protocol's official client. Any Node.js will do, also one that is not Debian's.
     command -v node >/dev/null || packages+=(nodejs)
     command -v npm >/dev/null || packages+=(npm)
+    # The built-in page is looked at by a real browser.
+    command -v chromium >/dev/null || packages+=(chromium)
     ;;
   --bench) packages+=(libbenchmark-dev) ;;
   *) fail "unknown argument $*; usage: setup.sh [--tests|--bench]" ;;

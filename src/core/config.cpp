@@ -108,6 +108,15 @@ std::vector<Key> describe(Config& c) {
        "a map file is written this often while running; 0: never", 0, 86400},
       {"stream.listen", &c.stream.listen, "", "ADDR:PORT, or \"off\""},
       {"stream.max_clients", &c.stream.max_clients, "", "clients at once", 1, 64},
+      {"stream.preview", &c.stream.preview, "",
+       "the camera's picture: \"masked\" (people pixelated), \"off\" or \"full\""},
+      {"stream.full_preview_to", &c.stream.full_preview_to, "",
+       "who may see a full preview: \"loopback\" or \"network\""},
+      {"stream.token_file", &c.stream.token_file, "",
+       "file whose first line every client must know; needed beyond loopback", 0, 0, false, true},
+      {"stream.tls_certificate", &c.stream.tls_certificate, "", "PEM file; empty: no TLS", 0, 0, false, true},
+      {"stream.tls_key", &c.stream.tls_key, "", "PEM file with the certificate's key", 0, 0, false, true},
+      {"stream.origins", &c.stream.origins, "", "web pages from elsewhere that may connect"},
   };
 }
 
@@ -357,6 +366,15 @@ Status check_whole(const Config& c) {
     return wrong("track.weak_inliers = " + std::to_string(c.track.weak_inliers) +
                  " must not be less than track.min_inliers = " + std::to_string(c.track.min_inliers));
   }
+  if (c.stream.preview != "masked" && c.stream.preview != "off" && c.stream.preview != "full") {
+    return wrong("stream.preview = \"" + c.stream.preview + "\" is not \"masked\", \"off\" or \"full\"");
+  }
+  if (c.stream.full_preview_to != "loopback" && c.stream.full_preview_to != "network") {
+    return wrong("stream.full_preview_to = \"" + c.stream.full_preview_to +
+                 "\" is not \"loopback\" or \"network\"");
+  }
+  if (c.stream.tls_certificate.empty() != c.stream.tls_key.empty())
+    return wrong("stream.tls_certificate and stream.tls_key go together; set both or none");
   std::set<std::string> seen;
   for (const auto* list : {&c.classes.dynamic, &c.classes.semi_static, &c.classes.pure_static}) {
     for (const std::string& name : *list) {

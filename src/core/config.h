@@ -72,6 +72,9 @@ struct Config {
   struct Stream {
     std::string listen = "127.0.0.1:8765";
     int max_clients = 8;
+    std::string preview = "masked", full_preview_to = "loopback";
+    std::string token_file, tls_certificate, tls_key;
+    std::vector<std::string> origins{"https://app.foxglove.dev", "https://lichtblick-suite.github.io"};
   } stream;
 };
 

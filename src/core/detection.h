@@ -4,6 +4,7 @@
 #include <cstdint>
 
 #include "core/fixed_vector.h"
+#include "core/geometry.h"
 #include "core/time.h"
 
 namespace stillmap {
@@ -26,6 +27,10 @@ struct Detection {
   ClassKind kind = ClassKind::Ignored;
   float score = 0;
   float depth_m = 0;  ///< of the object's nearer part, along the optical axis; 0 = unknown
+  // What following it from detection to detection tells; only in boxes that were carried.
+  std::uint32_t object = 0;  ///< the same for as long as it is followed, from 1 on
+  Nanoseconds age_ns = 0;    ///< since it was first found
+  Vec3 velocity_m_s{};       ///< in the odom frame
 };
 
 /// The objects of one frame.

@@ -57,7 +57,7 @@ BoxCarrier::Track BoxCarrier::track_of(const Detection& d, Nanoseconds stamp_ns,
   t.corners = {in_odom(d.box.x0, d.box.y0), in_odom(d.box.x1, d.box.y0), in_odom(d.box.x1, d.box.y1),
                in_odom(d.box.x0, d.box.y1)};
   t.centre = 0.25 * (t.corners[0] + t.corners[1] + t.corners[2] + t.corners[3]);
-  t.seen_ns = stamp_ns;
+  t.first_seen_ns = t.seen_ns = stamp_ns;
   return t;
 }
 
@@ -84,9 +84,12 @@ void BoxCarrier::update(const Detections& fresh, const Pose& T_odom_camera) {
     Track* before = nearest(track);
     if (before == nullptr) {
       if (d.score < least_score_) continue;
+      track.object = ++objects_;
       static_cast<void>(tracks_.try_push_back(track));
       continue;
     }
+    track.object = before->object;
+    track.first_seen_ns = before->first_seen_ns;
     const double span = to_seconds(fresh.stamp_ns - before->seen_ns);
     const bool both_deep = d.depth_m > 0 && before->seen.depth_m > 0;
     if (span > 0 && both_deep) {
@@ -113,6 +116,9 @@ void BoxCarrier::carry(Nanoseconds stamp_ns, const Pose& T_odom_camera, Detectio
   const Pose T_camera_odom = inverse(T_odom_camera);
   for (const Track& t : tracks_) {
     Detection d = t.seen;
+    d.object = t.object;
+    d.age_ns = stamp_ns - t.first_seen_ns;
+    d.velocity_m_s = t.velocity;
     const double age = to_seconds(stamp_ns - t.seen_ns);
     if (age > 0) {
       const Vec3 moved = std::min(age, kLongestCoast_s) * t.velocity;

@@ -33,7 +33,8 @@ class BoxCarrier {
   /// Forgets every box, for when the camera's place is lost: nothing can be carried then.
   void clear() { tracks_.clear(); }
   /// The boxes as they are on the frame at `stamp_ns`, seen from `T_odom_camera`. Boxes of that very frame
-  /// come back as they were found; others grow a little with their age.
+  /// come back as they were found; others grow a little with their age. Each has its object's number, age and
+  /// velocity.
   void carry(Nanoseconds stamp_ns, const Pose& T_odom_camera, Detections& out);
 
  private:
@@ -41,7 +42,8 @@ class BoxCarrier {
     Detection seen;               // as last found
     std::array<Vec3, 4> corners;  // odom frame, at seen_ns
     Vec3 centre, velocity;        // odom frame, m and m/s
-    Nanoseconds seen_ns = 0;
+    Nanoseconds first_seen_ns = 0, seen_ns = 0;
+    std::uint32_t object = 0;
     bool has_velocity = false;
     bool matched = false;
     int misses = 0;  // how often the detector has looked since and not found it
@@ -53,6 +55,7 @@ class BoxCarrier {
   Nanoseconds max_age_ns_;
   float least_score_;
   FixedVector<Track, 48> tracks_;
+  std::uint32_t objects_ = 0;  // so far
 };
 
 }  // namespace stillmap

@@ -52,6 +52,12 @@ std::string late_lines(const RunCounters& c) {
 
 }  // namespace
 
+void Health::say(LogLevel level, const char* name, const std::string& text) {
+  if (level == LogLevel::Info) spdlog::info("{}: {}", name, text);
+  if (level == LogLevel::Warning) spdlog::warn("{}: {}", name, text);
+  if (context_.stages.stream) context_.stages.stream->publish_log(level, name, text);
+}
+
 void Health::log_events() {
   context_.flight.take_in();
   for (EventRing& ring : context_.events) {
@@ -64,20 +70,19 @@ void Health::log_events() {
 
 void Health::log(const Event& e) {
   context_.flight.put(e);
-  if (e.code == EventCode::QualityLowered || e.code == EventCode::QualityRaised) {
-    spdlog::warn("{}: {} at frame {}: {}", to_string(e.stage), to_string(e.code), e.sequence,
-                 kSheddingPlan[static_cast<std::size_t>(e.a)].name);
-  } else {
-    spdlog::info("{}: {} at frame {} ({})", to_string(e.stage), to_string(e.code), e.sequence, e.a);
-  }
+  const bool quality = e.code == EventCode::QualityLowered || e.code == EventCode::QualityRaised;
+  const bool bad = quality || e.code == EventCode::TrackingLost || e.code == EventCode::DetectorFailed;
+  const std::string detail = quality ? kSheddingPlan[static_cast<std::size_t>(e.a)].name : std::to_string(e.a);
+  say(bad ? LogLevel::Warning : LogLevel::Info, to_string(e.stage),
+      fmt::format("{} at frame {} ({})", to_string(e.code), e.sequence, detail));
   if (e.code == EventCode::TrackingLost && context_.flight.enabled() &&
       !context_.flight.write_unless_just_done(monotonic_now())) {
-    spdlog::warn("runtime.flight_recorder: cannot write {}", context_.flight.path());
+    warn(fmt::format("runtime.flight_recorder: cannot write {}", context_.flight.path()));
   }
 }
 
 void Health::warn(const std::string& words) {
-  spdlog::warn("{}", words);
+  say(LogLevel::Warning, "stillmap", words);
 }
 
 void Health::watch_stages(Nanoseconds now) {
@@ -108,7 +113,9 @@ void Health::log_drops() {
   for (std::size_t r = 0; r < drops_logged_.size(); ++r) {
     const std::uint64_t count = context_.counters.dropped[r].load(std::memory_order_relaxed);
     if (count == drops_logged_[r]) continue;
-    spdlog::warn("{} frames dropped: {}", count - drops_logged_[r], to_string(static_cast<DropReason>(r)));
+    say(LogLevel::Warning, to_string(Stage::Capture),
+        fmt::format("{} frames dropped: {}", count - drops_logged_[r],
+                    to_string(static_cast<DropReason>(r))));
     drops_logged_[r] = count;
   }
 }
@@ -134,6 +141,13 @@ void Health::publish() {
   const double fps = published_ns_ == 0 ? 0
                                         : static_cast<double>(processed - processed_before_) /
                                               to_seconds(now - published_ns_);
+  const std::uint64_t poses = c.tracked.load() + c.weak.load(), latency_us = c.latency_us.load();
+  const double latency_ms = poses == poses_before_
+                                ? 0
+                                : 1e-3 * static_cast<double>(latency_us - latency_before_us_) /
+                                      static_cast<double>(poses - poses_before_);
+  poses_before_ = poses;
+  latency_before_us_ = latency_us;
   published_ns_ = now;
   processed_before_ = processed;
   if (!context_.stages.stream) return;
@@ -164,7 +178,20 @@ void Health::publish() {
       c.offered.load(), processed, drop_lines(c), c.lost.load(), c.detector_runs.load(),
       context_.quality.load(), c.frames_shed.load(), late_lines(c), c.state.load(), fps, rss * 1024,
       pool_lines(context_));
-  if (!context_.stages.stream->publish_health(json, metrics))
+  const StreamHealth health{.state = state,
+                            .uptime_s = to_seconds(now - started_ns_),
+                            .fps = fps,
+                            .latency_ms = latency_ms,
+                            .frames_offered = c.offered.load(),
+                            .frames_processed = processed,
+                            .frames_dropped = dropped,
+                            .frames_lost = c.lost.load(),
+                            .keyframes = c.keyframes.load(),
+                            .detector_runs = c.detector_runs.load(),
+                            .rss_bytes = rss * 1024,
+                            .map_blocks = c.blocks.high_water.load(),
+                            .map_blocks_capacity = c.blocks.capacity.load()};
+  if (!context_.stages.stream->publish_health(health, json, metrics))
     spdlog::warn("health text is too long for the stream");
 }
 

@@ -30,6 +30,7 @@ class Health {
   void finish();
 
  private:
+  void say(LogLevel level, const char* name, const std::string& text);
   void log_events();
   void log(const Event& event);
   void watch_stages(Nanoseconds now);
@@ -43,7 +44,7 @@ class Health {
   Checkpoint checkpoint_;
   Nanoseconds started_ns_ = monotonic_now();
   Nanoseconds published_ns_ = 0;
-  std::uint64_t processed_before_ = 0;
+  std::uint64_t processed_before_ = 0, poses_before_ = 0, latency_before_us_ = 0;
   std::array<std::uint64_t, kDropReasonCount> drops_logged_{};
 };
 

@@ -59,6 +59,7 @@ void run_lockstep(RunContext& context) {
       item.due_frame = n + static_cast<std::uint64_t>(timing.delay);
       item.detected.frame = frame.share();
       if (detect_frame(context, *frame, item.detected.boxes)) {
+        offer_picture(context, frame, item.detected.boxes);
         delayed.add();
       } else {
         item.detected.frame.reset();
@@ -66,6 +67,7 @@ void run_lockstep(RunContext& context) {
     }
     if (auto* item = delayed.due(n)) context.stages.track.take_boxes(item->detected.boxes);
     const bool has_pose = track_frame(context, *frame);
+    if (context.detector == nullptr) offer_picture(context, frame, {});
 
     const HeapScope scope(HeapOwner::Map);
     if (has_pose) {
@@ -81,8 +83,8 @@ void run_lockstep(RunContext& context) {
     }
     context.stages.map.serve_checkpoint();
     context.counters.blocks.note(context.stages.map.map().usage());
+    answer_map_requests(context);
     if (context.stages.stream) {
-      context.stages.map.answer_cloud_request(*context.stages.stream);
       const HeapScope stream_scope(HeapOwner::Stream);
       context.stages.stream->service(0);
     }

@@ -42,6 +42,8 @@ class MapStage {
 
   const VoxelMap& map() const { return map_; }
   MapCopier& copier() { return copier_; }
+  /// The newest frame's stamp; 0 before the first.
+  Nanoseconds newest_ns() const { return newest_ns_; }
   const FuseCounts& counts() const { return counts_; }
   const LatencyHistogram& fuse_time() const { return fuse_time_; }
 

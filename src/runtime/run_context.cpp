@@ -3,6 +3,7 @@
 
 #include "detect/box_carrier.h"
 #include "runtime/heap_count.h"
+#include "runtime/scene.h"
 
 namespace stillmap {
 
@@ -16,6 +17,20 @@ void note_state(RunContext& context, const TrackingResult& result, TrackState be
   if (before == TrackState::Weak && result.state == TrackState::Tracking) return;
   if (result.state == TrackState::Lost) code = EventCode::TrackingLost;
   context.emit(Stage::Track, code, result.sequence, result.inliers);
+}
+
+void publish(RunContext& context, const TrackingResult& result) {
+  StreamServer& server = *context.stages.stream;
+  const TrackStage& track = context.stages.track;
+  if (server.scene_wanted()) {
+    StreamScene scene;
+    make_scene(result, track.mask(), track.tracker().features(), scene);
+    server.publish_scene(scene);
+  }
+  if (!result.has_pose()) return;
+  const Pose T_base_camera = track.T_base_camera();
+  server.publish_pose(
+      {result.stamp_ns, result.T_map_odom, result.T_odom_camera * inverse(T_base_camera), T_base_camera});
 }
 
 }  // namespace
@@ -40,13 +55,21 @@ bool track_frame(RunContext& context, const FrameSlot& frame) {
                       .T_map_camera = result.T_map_camera()});
   context.counters.points.note(context.stages.track.tracker().point_usage());
   context.counters.keyframe_pool.note(context.stages.track.tracker().keyframe_usage());
-  if (!result.has_pose()) return false;
-  if (context.stages.stream) {
-    const Pose T_base_camera = context.stages.track.T_base_camera();
-    context.stages.stream->publish_pose(
-        {result.stamp_ns, result.T_map_odom, result.T_odom_camera * inverse(T_base_camera), T_base_camera});
-  }
-  return true;
+  if (context.stages.stream) publish(context, result);
+  return result.has_pose();
+}
+
+void offer_picture(RunContext& context, const FrameHandle& frame, const Detections& own) {
+  if (!context.stages.stream || !context.stages.stream->picture_wanted()) return;
+  if (context.detector == nullptr && context.config.stream.preview != "full") return;
+  context.stages.stream->publish_picture(frame, own);
+}
+
+void answer_map_requests(RunContext& context) {
+  if (!context.stages.stream) return;
+  MapStage& map = context.stages.map;
+  map.answer_cloud_request(*context.stages.stream);
+  context.stages.block_feed->answer(map.map(), map.newest_ns(), *context.stages.stream);
 }
 
 void adapt_quality(RunContext& context, const FrameSlot& frame, bool lost_frames) {

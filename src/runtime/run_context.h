@@ -92,6 +92,14 @@ void adapt_quality(RunContext& context, const FrameSlot& frame, bool lost_frames
 /// One frame through the detector; false when it failed (counted).
 bool detect_frame(RunContext& context, const FrameSlot& frame, Detections& out);
 
+/// Lets the stream's preview have a frame, when it is due: one that was detected on, with its own boxes, or
+/// one that was tracked. Without a detector nobody knows whether there are people in it: then only where they
+/// may be seen.
+void offer_picture(RunContext& context, const FrameHandle& frame, const Detections& own);
+
+/// Map thread. Gives the stream's clients what they wait for of the map.
+void answer_map_requests(RunContext& context);
+
 /// Deterministic, on the calling thread, until the source ends or `stop`.
 void run_lockstep(RunContext& context);
 /// One thread per stage, in every other mode, until the source ends or `stop`.

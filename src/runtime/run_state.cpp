@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/run_state.h"
 
+#include <algorithm>
+
 namespace stillmap {
 
 void TrackLog::note(const TrackingResult& result, TrackState before, Nanoseconds due_ns,
@@ -21,6 +23,7 @@ void TrackLog::note(const TrackingResult& result, TrackState before, Nanoseconds
   if (before == TrackState::Lost) C::bump(counters.relocalized);
   if (first_pose_ns == 0) first_pose_ns = now;
   capture_to_pose.add(now - due_ns);
+  C::bump(counters.latency_us, static_cast<std::uint64_t>(std::max<Nanoseconds>(now - due_ns, 0) / 1000));
   if (causal.capacity() > 0)
     static_cast<void>(causal.try_push_back({result.stamp_ns, result.T_map_camera()}));
 }

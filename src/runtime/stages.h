@@ -7,6 +7,7 @@
 #include "core/config.h"
 #include "core/frame_pool.h"
 #include "eval/trajectory.h"
+#include "runtime/block_feed.h"
 #include "runtime/flight_recorder.h"
 #include "runtime/frame_budget.h"
 #include "runtime/map_stage.h"
@@ -25,7 +26,10 @@ struct Stages {
     std::size_t trajectory_poses = 0;
 
     FrameBudget frames() const {
-      return frame_budget(detector, log, static_cast<std::size_t>(lockstep_delay));
+      return frame_budget({.detector = detector,
+                           .log = log,
+                           .preview = stream ? std::size_t{StreamServer::kFramesHeld} : 0,
+                           .lockstep_delay = static_cast<std::size_t>(lockstep_delay)});
     }
   };
   Stages(Arena& arena, const Config& config, const Parts& parts)
@@ -37,7 +41,9 @@ struct Stages {
             "flight_recorder",
             config.runtime.flight_recorder.empty() ? 0 : FlightRecorder::frames_for(config.mount.fps))),
         trajectory(arena.take<StampedPose>("trajectory", parts.trajectory_poses)) {
-    if (parts.stream) stream.emplace(config.stream, arena);
+    if (!parts.stream) return;
+    stream.emplace(config, arena);
+    block_feed.emplace(arena, static_cast<std::size_t>(config.map.capacity_voxels / kBlockVoxels));
   }
 
   FramePool frames;
@@ -47,6 +53,7 @@ struct Stages {
   std::span<FlightFrame> flight;
   std::span<StampedPose> trajectory;  ///< room for what the run's outputs tell of its poses
   std::optional<StreamServer> stream;
+  std::optional<BlockFeed> block_feed;  ///< with the stream
 };
 
 }  // namespace stillmap

@@ -205,6 +205,7 @@ void track_thread(RunContext& context, Lanes& lanes) {
       const AtWork working(context, Stage::Track);
       if (lanes.boxes_to_track.refresh()) context.stages.track.take_boxes(lanes.boxes_to_track.value());
       if (track_frame(context, *frame)) context.stages.track.fill_posed(frame, item.posed);
+      if (context.detector == nullptr) offer_picture(context, frame, {});
     }
     bool fits = true;
     if (item.posed.frame && context.mode == RunMode::Fast) {
@@ -234,6 +235,7 @@ void detect_thread(RunContext& context, Lanes& lanes) {
     detected.frame = std::move(lanes.to_detect.value());
     if (!detect_frame(context, *detected.frame, detected.boxes)) continue;
     lanes.boxes_to_track.publish(detected.boxes);
+    offer_picture(context, detected.frame, detected.boxes);
     if (lanes.boxes_to_map.try_push(std::move(detected))) lanes.map_waker.wake();
   }
   lanes.to_detect.refresh();
@@ -268,7 +270,7 @@ void map_thread(RunContext& context, Lanes& lanes) {
     context.counters.blocks.note(context.stages.map.map().usage());
     if (context.stages.stream) {
       const AtWork working(context, Stage::Map);
-      context.stages.map.answer_cloud_request(*context.stages.stream);
+      answer_map_requests(context);
     }
     if (idle && !end) lanes.map_waker.wait(ticket, kIdleWait);
   }

@@ -42,6 +42,8 @@ class TrackStage {
   /// The camera in the robot's base, where the configuration knows it.
   Pose T_base_camera() const { return tracker_.T_base_camera(); }
   const Tracker& tracker() const { return tracker_; }
+  /// Of the frame just stepped.
+  const DynamicMask& mask() const { return mask_; }
   const BoxSupply& box_supply() const { return box_supply_; }
 
  private:

@@ -2,8 +2,10 @@
 #include "stream/channels.h"
 
 #include <span>
+#include <string_view>
 
 #include "stream/foxglove_descriptors.h"
+#include "stream/stillmap_descriptors.h"
 
 namespace stillmap::stream {
 namespace {
@@ -21,28 +23,35 @@ std::string base64(std::span<const unsigned char> bytes) {
   return text;
 }
 
-std::string channel_json(Channel channel, const char* topic, const char* schema_name,
-                         const std::string& schema) {
-  return "{\"id\":" + std::to_string(static_cast<std::uint32_t>(channel)) + ",\"topic\":\"" + topic +
-         "\",\"encoding\":\"protobuf\",\"schemaName\":\"" + schema_name + "\",\"schema\":\"" + schema +
-         "\",\"schemaEncoding\":\"protobuf\"}";
+std::string advertise_text(Channel channel, const char* topic, const char* schema_name,
+                           const std::string& schema) {
+  return R"({"op":"advertise","channels":[{"id":)" + std::to_string(static_cast<std::uint32_t>(channel)) +
+         R"(,"topic":")" + topic + R"(","encoding":"protobuf","schemaName":")" + schema_name +
+         R"(","schema":")" + schema + R"(","schemaEncoding":"protobuf"}]})";
 }
 
 }  // namespace
 
-std::string server_info_json(std::uint64_t session_id) {
-  return "{\"op\":\"serverInfo\",\"name\":\"stillmap\",\"capabilities\":[],\"supportedEncodings\":[],"
-         "\"metadata\":{},"
-         "\"sessionId\":\"" +
-         std::to_string(session_id) + "\"}";
-}
-
-std::string advertise_json() {
-  const std::string schema = base64(kFoxgloveDescriptors);
-  return "{\"op\":\"advertise\",\"channels\":[" +
-         channel_json(Channel::Transforms, "/tf", "foxglove.FrameTransforms", schema) + "," +
-         channel_json(Channel::Pose, "/pose", "foxglove.PoseInFrame", schema) + "," +
-         channel_json(Channel::Map, "/map", "foxglove.PointCloud", schema) + "]}";
+std::vector<std::string> greeting_texts(std::uint64_t session_id, bool with_picture) {
+  const std::string foxglove = base64(kFoxgloveDescriptors), ours = base64(kStillmapDescriptors);
+  std::vector<std::string> texts{
+      R"({"op":"serverInfo","name":"stillmap","capabilities":[],"supportedEncodings":[],"metadata":{},"sessionId":")" +
+      std::to_string(session_id) + R"("})"};
+  const auto add = [&](Channel channel, const char* topic, const char* schema_name) {
+    const bool is_ours = std::string_view(schema_name).starts_with("stillmap.");
+    texts.push_back(advertise_text(channel, topic, schema_name, is_ours ? ours : foxglove));
+  };
+  add(Channel::Transforms, "/tf", "foxglove.FrameTransforms");
+  add(Channel::Pose, "/pose", "foxglove.PoseInFrame");
+  add(Channel::Map, "/map", "foxglove.PointCloud");
+  add(Channel::Blocks, "/map/blocks", "stillmap.MapBlocks");
+  add(Channel::Objects, "/objects", "foxglove.SceneUpdate");
+  if (with_picture) add(Channel::Picture, "/camera/color", "foxglove.CompressedImage");
+  add(Channel::Annotations, "/camera/annotations", "foxglove.ImageAnnotations");
+  add(Channel::Calibration, "/camera/calibration", "foxglove.CameraCalibration");
+  add(Channel::Health, "/health", "stillmap.Health");
+  add(Channel::Log, "/log", "foxglove.Log");
+  return texts;
 }
 
 }  // namespace stillmap::stream

@@ -18,7 +18,14 @@ Chunk write_text(std::string_view text, std::span<std::uint8_t> out) {
 
 }  // namespace
 
-void ClientSession::receive(const Feed& feed, std::string_view piece, bool first, bool last, bool binary) {
+void ClientSession::reset(BlockExchange& blocks) {
+  *this = ClientSession();
+  blocks_ = &blocks;
+  blocks.reclaim();  // what the client before had asked for
+}
+
+void ClientSession::receive(const Feed& feed, std::string_view piece, bool first, bool last, bool binary,
+                            Nanoseconds now_ns) {
   if (first) {
     inbox_bytes_ = 0;
     inbox_overrun_ = false;
@@ -29,6 +36,7 @@ void ClientSession::receive(const Feed& feed, std::string_view piece, bool first
     inbox_bytes_ += piece.size();
   }
   if (!last) return;
+  count_message(now_ns);
   if (inbox_overrun_) {
     complain(Complaint::TooLarge);
   } else if (binary) {
@@ -36,6 +44,14 @@ void ClientSession::receive(const Feed& feed, std::string_view piece, bool first
   } else {
     handle(feed, parse_client_message({inbox_.data(), inbox_bytes_}));
   }
+}
+
+void ClientSession::count_message(Nanoseconds now_ns) {
+  if (now_ns - second_began_ns_ >= 1'000'000'000) {
+    second_began_ns_ = now_ns;
+    messages_this_second_ = 0;
+  }
+  flooding_ = flooding_ || ++messages_this_second_ > kMaxMessagesPerSecond;
 }
 
 void ClientSession::handle(const Feed& feed, const ClientMessage& message) {
@@ -54,20 +70,24 @@ void ClientSession::handle(const Feed& feed, const ClientMessage& message) {
 }
 
 void ClientSession::subscribe(const Feed& feed, const ClientMessage::Subscription& wanted) {
-  if (wanted.channel_id < 1 || wanted.channel_id > kChannelCount) {
+  const auto channel = static_cast<Channel>(wanted.channel_id);
+  if (wanted.channel_id < 1 || wanted.channel_id > kChannelCount ||
+      (channel == Channel::Picture && !feed.with_picture)) {
     return complain(Complaint::UnknownChannel, wanted.channel_id);
   }
   if (std::ranges::find(subscriptions_, std::optional(wanted.id)) != subscriptions_.end()) {
     return complain(Complaint::IdTaken, wanted.id);
   }
-  const std::uint32_t index = wanted.channel_id - 1;
-  if (subscriptions_[index]) return complain(Complaint::ChannelTaken, wanted.channel_id);
-  subscriptions_[index] = wanted.id;
-  if (index < kPoseChannels) {
-    place_[index] =
-        std::max<std::uint64_t>(feed.poses().end(), 1) - 1;  // begins with the newest that is known
-  } else {
+  if (subscribed(channel)) return complain(Complaint::ChannelTaken, wanted.channel_id);
+  subscriptions_[index_of(channel)] = wanted.id;
+  if (channel == Channel::Map) {
     cloud_generation_ = 0;
+  } else if (channel == Channel::Blocks) {
+    block_pass_ = {};
+  } else {
+    // Begins with the newest that is known; log lines with all that are.
+    const Topic& topic = feed.topic(channel);
+    place_[index_of(channel)] = topic.begin(channel == Channel::Log ? topic.depth() : 1);
   }
 }
 
@@ -75,6 +95,9 @@ void ClientSession::unsubscribe(std::uint32_t id) {
   const auto found = std::ranges::find(subscriptions_, std::optional(id));
   if (found == subscriptions_.end()) return complain(Complaint::UnknownSubscription, id);
   found->reset();
+  if (subscribed(Channel::Blocks)) return;
+  block_pass_ = {};
+  blocks_->reclaim();
 }
 
 void ClientSession::complain(Complaint complaint, std::uint32_t id) {
@@ -87,22 +110,45 @@ bool ClientSession::owed_cloud(const CloudExchange& cloud) const {
   return subscribed(Channel::Map) && !receiving_cloud() && cloud_generation_ != cloud.generation();
 }
 
-std::optional<Channel> ClientSession::pending_pose_channel(const Feed& feed) const {
-  std::optional<Channel> pending;
-  std::uint64_t furthest_behind = feed.poses().end();
-  for (std::uint32_t i = 0; i < kPoseChannels; ++i) {
-    if (!subscriptions_[i] || place_[i] >= furthest_behind) continue;
-    furthest_behind = place_[i];
-    pending = static_cast<Channel>(i + 1);
+void ClientSession::ask_for_blocks(Nanoseconds now_ns) {
+  if (!subscribed(Channel::Blocks)) return;
+  BlockPass& pass = block_pass_;
+  if (blocks_pending() && blocks_->blocks().empty() && blocks_->complete() && !pass.snapshot && !pass.begun)
+    end_block_answer();  // nothing has changed since the last pass: nothing to tell
+  // Not answered: the request of the client before is still at work.
+  if (pass.asked || !blocks_->answered()) return;
+  if (!pass.begun) {
+    if (pass.begun_ns && now_ns - *pass.begun_ns < kBlockPass_ns) return;
+    pass.begun_ns = now_ns;
   }
-  return pending;
+  pass.asked = true;
+  blocks_->ask(pass.next);
+}
+
+void ClientSession::end_block_answer() {
+  BlockPass& pass = block_pass_;
+  pass.asked = false;
+  if (!pass.begun) pass.version = blocks_->version();
+  pass.begun = !blocks_->complete();
+  pass.next.cursor = pass.begun ? blocks_->next() : 0;
+  if (pass.begun) return;
+  pass.next.since = pass.version;
+  pass.snapshot = false;
+}
+
+bool ClientSession::pending(Channel channel, const Feed& feed) const {
+  if (!subscribed(channel)) return false;
+  if (channel == Channel::Map) return owed_cloud(feed.cloud) && feed.cloud.readable();
+  if (channel == Channel::Blocks) return blocks_pending();
+  return place_[index_of(channel)] < feed.topic(channel).end();
 }
 
 std::uint64_t ClientSession::drop_outdated(const Feed& feed) {
   std::uint64_t dropped = 0;
-  for (std::uint32_t i = 0; i < kPoseChannels; ++i) {
-    if (!subscriptions_[i] || feed.poses().end() - place_[i] <= PoseHistory::kDepth) continue;
-    const std::uint64_t newest = feed.poses().end() - 1;
+  for (std::size_t i = 0; i < kChannelCount; ++i) {
+    const Topic& topic = feed.topics[i];
+    if (!subscriptions_[i] || topic.end() - place_[i] <= topic.depth() || topic.end() == 0) continue;
+    const std::uint64_t newest = topic.end() - 1;
     dropped += newest - place_[i];
     place_[i] = newest;
   }
@@ -110,39 +156,54 @@ std::uint64_t ClientSession::drop_outdated(const Feed& feed) {
 }
 
 bool ClientSession::has_pending(const Feed& feed) const {
-  return receiving_cloud() || greeting_ != Greeting::Done || !notices_.empty() ||
-         pending_pose_channel(feed) || (owed_cloud(feed.cloud) && feed.cloud.readable());
+  if (receiving_cloud() || greeted_ < feed.greetings.size() || !notices_.empty()) return true;
+  for (std::uint32_t id = 1; id <= kChannelCount; ++id) {
+    if (pending(static_cast<Channel>(id), feed)) return true;
+  }
+  return false;
 }
 
 Chunk ClientSession::next_chunk(const Feed& feed, std::span<std::uint8_t> out, Nanoseconds now_ns) {
   if (receiving_cloud()) return next_cloud_chunk(feed, out, now_ns);
-  if (greeting_ == Greeting::ServerInfo) {
-    greeting_ = Greeting::Advertise;
-    return write_text(feed.server_info, out);
-  }
-  if (greeting_ == Greeting::Advertise) {
-    greeting_ = Greeting::Done;
-    return write_text(feed.advertise, out);
-  }
+  if (greeted_ < feed.greetings.size()) return write_text(feed.greetings[greeted_++], out);
   if (!notices_.empty()) return next_notice(out);
-  // Before poses, or a client that is always behind with poses would never see the map.
-  if (owed_cloud(feed.cloud) && feed.cloud.readable()) return next_cloud_chunk(feed, out, now_ns);
-  if (const auto channel = pending_pose_channel(feed)) return next_pose_chunk(*channel, feed, out);
+  // In turn, so that what comes often never keeps a slow client from what is large.
+  for (std::size_t i = 0; i < kChannelCount; ++i) {
+    const auto channel = static_cast<Channel>(1 + (turn_ + i) % kChannelCount);
+    if (!pending(channel, feed)) continue;
+    turn_ = static_cast<std::size_t>(channel) % kChannelCount;
+    if (channel == Channel::Map) return next_cloud_chunk(feed, out, now_ns);
+    if (channel == Channel::Blocks) return next_blocks(out);
+    return next_item(channel, feed.topic(channel), out);
+  }
   return {};
 }
 
-Chunk ClientSession::next_pose_chunk(Channel channel, const Feed& feed, std::span<std::uint8_t> out) {
-  std::uint64_t& place = place_[static_cast<std::uint32_t>(channel) - 1];
-  STILLMAP_CHECK(feed.poses().end() - place <= PoseHistory::kDepth);
-  const PoseHistory::Entry& entry = feed.poses().at(place);
-  ++place;
-  const std::span<const std::uint8_t> payload =
-      channel == Channel::Transforms
-          ? std::span<const std::uint8_t>(entry.transforms).first(entry.transforms_bytes)
-          : std::span<const std::uint8_t>(entry.pose).first(entry.pose_bytes);
-  write_message_header(out.first<kMessageHeaderBytes>(), *subscription(channel), entry.stamp_ns);
+Chunk ClientSession::next_item(Channel channel, const Topic& topic, std::span<std::uint8_t> out) {
+  std::uint64_t& place = place_[index_of(channel)];
+  STILLMAP_CHECK(topic.end() - place <= topic.depth());
+  const std::span<const std::uint8_t> payload = topic.payload(place);
+  write_message_header(out.first<kMessageHeaderBytes>(), *subscriptions_[index_of(channel)],
+                       topic.item(place).stamp_ns);
   std::ranges::copy(payload, out.begin() + kMessageHeaderBytes);
+  ++place;
   return {.bytes = kMessageHeaderBytes + payload.size()};
+}
+
+Chunk ClientSession::next_blocks(std::span<std::uint8_t> out) {
+  write_message_header(out.first<kMessageHeaderBytes>(), *subscriptions_[index_of(Channel::Blocks)],
+                       blocks_->stamp_ns());
+  std::size_t bytes = kMessageHeaderBytes;
+  bytes += encode_blocks_envelope({.stamp_ns = blocks_->stamp_ns(),
+                                   .voxel_m = blocks_->voxel_m(),
+                                   .sequence = block_pass_.sequence++,
+                                   .snapshot = block_pass_.snapshot,
+                                   .complete = blocks_->complete()},
+                                  out.subspan<kMessageHeaderBytes, kMaxBlocksEnvelopeBytes>());
+  std::ranges::copy(blocks_->blocks(), out.begin() + static_cast<std::ptrdiff_t>(bytes));
+  bytes += blocks_->blocks().size();
+  end_block_answer();
+  return {.bytes = bytes};
 }
 
 Chunk ClientSession::next_cloud_chunk(const Feed& feed, std::span<std::uint8_t> out, Nanoseconds now_ns) {
@@ -154,7 +215,7 @@ Chunk ClientSession::next_cloud_chunk(const Feed& feed, std::span<std::uint8_t> 
     cloud_generation_ = feed.cloud.generation();
     cloud_offset_ = 0;
     const Nanoseconds stamp_ns = feed.cloud.stamp_ns();
-    write_message_header(out.first<kMessageHeaderBytes>(), *subscription(Channel::Map), stamp_ns);
+    write_message_header(out.first<kMessageHeaderBytes>(), *subscriptions_[index_of(Channel::Map)], stamp_ns);
     chunk.bytes = kMessageHeaderBytes +
                   encode_cloud_envelope(feed.cloud.points().size(), stamp_ns,
                                         out.subspan<kMessageHeaderBytes, kMaxCloudEnvelopeBytes>());

@@ -8,21 +8,32 @@
 #include <string>
 #include <string_view>
 #include <utility>
+#include <vector>
 
 #include "core/fixed_vector.h"
+#include "stream/block_exchange.h"
 #include "stream/channels.h"
 #include "stream/client_message.h"
 #include "stream/cloud_exchange.h"
-#include "stream/pose_history.h"
+#include "stream/topic.h"
 
 namespace stillmap::stream {
 
+/// The largest WebSocket frame, which every message but clouds fits into with its header.
+constexpr std::size_t kChunkBytes = 48 * 1024;
+constexpr std::size_t kMaxPayloadBytes = kChunkBytes - kMessageHeaderBytes;
+
 /// What all clients are sent from. Read by sessions, written by the server between their turns.
 struct Feed {
-  const std::string server_info, advertise;
-  std::span<PoseHistory> history;  ///< one, or none while planning
-  CloudExchange& cloud;
-  const PoseHistory& poses() const { return history[0]; }
+  Feed(std::vector<std::string> texts, bool picture, std::span<CloudPoint> cloud_memory)
+      : greetings(std::move(texts)), with_picture(picture), cloud(cloud_memory) {}
+  const std::vector<std::string> greetings;
+  const bool with_picture;                  ///< whether there is a channel for it
+  std::array<Topic, kChannelCount> topics;  ///< by channel; Map and Blocks are no topics
+  CloudExchange cloud;
+
+  Topic& topic(Channel channel) { return topics[index_of(channel)]; }
+  const Topic& topic(Channel channel) const { return topics[index_of(channel)]; }
 };
 
 /// One piece of a WebSocket message: a frame of its own, to be sent before the next piece is asked for.
@@ -37,31 +48,38 @@ struct Chunk {
 class ClientSession {
  public:
   static constexpr std::size_t kMaxMessageBytes = 4096;
+  /// More messages than this in a second are no viewer's.
+  static constexpr int kMaxMessagesPerSecond = 100;
   /// How long a client may take to receive one cloud. The buffer is shared: whoever takes longer keeps it
   /// from others.
   static constexpr Nanoseconds kCloudTimeout_ns = 5'000'000'000;
+  /// Passes over the map's blocks begin at most this often.
+  static constexpr Nanoseconds kBlockPass_ns = 250'000'000;
 
-  /// A new client: forgets everything of the one before, and owes it the greeting.
-  void reset() { *this = ClientSession(); }
+  /// A new client: forgets everything of the one before, and owes it the greeting. `blocks` is its own.
+  void reset(BlockExchange& blocks);
 
   /// A piece of a message from the client. Its answer, if any, is among the next chunks.
-  void receive(const Feed& feed, std::string_view piece, bool first, bool last, bool binary);
+  void receive(const Feed& feed, std::string_view piece, bool first, bool last, bool binary,
+               Nanoseconds now_ns);
 
-  /// To be called whenever the pose history has grown. Where the client is so far behind that its next pose
-  /// is not kept any more, it goes on with the newest. Returns how many messages it will never get.
+  /// To be called whenever topics have grown. Where the client is so far behind that its next message is not
+  /// kept any more, it goes on with the newest. Returns how many messages it will never get.
   std::uint64_t drop_outdated(const Feed& feed);
+  /// To be called often: asks the map for the client's next blocks when it is time.
+  void ask_for_blocks(Nanoseconds now_ns);
   bool has_pending(const Feed& feed) const;
-  /// Writes the next piece for this client into `out`, which it owes the client from then on. The whole of an
-  /// `advertise` must fit into `out`.
+  /// Writes the next piece for this client into `out` (at least kChunkBytes), which it owes the client from
+  /// then on.
   Chunk next_chunk(const Feed& feed, std::span<std::uint8_t> out, Nanoseconds now_ns);
 
-  bool subscribed(Channel channel) const { return subscription(channel).has_value(); }
+  bool subscribed(Channel channel) const { return subscriptions_[index_of(channel)].has_value(); }
   /// Whether it is subscribed to clouds and has not begun to receive the newest one.
   bool owed_cloud(const CloudExchange& cloud) const;
   bool receiving_cloud() const { return cloud_started_ns_.has_value(); }
-  /// Whether it has stopped reading in the middle of a cloud.
-  bool overdue(Nanoseconds now_ns) const {
-    return cloud_started_ns_ && now_ns - *cloud_started_ns_ > kCloudTimeout_ns;
+  /// Whether it has stopped reading in the middle of a cloud, or sends too much.
+  bool intolerable(Nanoseconds now_ns) const {
+    return flooding_ || (cloud_started_ns_ && now_ns - *cloud_started_ns_ > kCloudTimeout_ns);
   }
 
   /// Since the last call: messages that could not be followed.
@@ -81,34 +99,43 @@ class ClientSession {
     Complaint complaint = Complaint::Malformed;
     std::uint32_t id = 0;
   };
-  static constexpr std::uint32_t kPoseChannels =
-      2;  // the channels with a place in the pose history come first
-  enum class Greeting : std::uint8_t { ServerInfo, Advertise, Done };
+  /// Where the client is in the map's blocks.
+  struct BlockPass {
+    BlockRequest next;
+    std::uint64_t version = 0;   ///< of the map when this pass began
+    std::uint64_t sequence = 0;  ///< messages so far
+    bool snapshot = true, begun = false;
+    bool asked = false;  ///< the exchange's request is this client's
+    std::optional<Nanoseconds> begun_ns;
+  };
 
-  std::optional<std::uint32_t>& subscription(Channel c) {
-    return subscriptions_[static_cast<std::uint32_t>(c) - 1];
-  }
-  const std::optional<std::uint32_t>& subscription(Channel c) const {
-    return subscriptions_[static_cast<std::uint32_t>(c) - 1];
-  }
+  void count_message(Nanoseconds now_ns);
   void handle(const Feed& feed, const ClientMessage& message);
   void subscribe(const Feed& feed, const ClientMessage::Subscription& wanted);
   void unsubscribe(std::uint32_t id);
   void complain(Complaint complaint, std::uint32_t id = 0);
+  bool pending(Channel channel, const Feed& feed) const;
+  bool blocks_pending() const { return block_pass_.asked && blocks_->answered(); }
+  void end_block_answer();
   Chunk next_notice(std::span<std::uint8_t> out);
-  /// The pose channel that is furthest behind, if any.
-  std::optional<Channel> pending_pose_channel(const Feed& feed) const;
-  Chunk next_pose_chunk(Channel channel, const Feed& feed, std::span<std::uint8_t> out);
+  Chunk next_item(Channel channel, const Topic& topic, std::span<std::uint8_t> out);
   Chunk next_cloud_chunk(const Feed& feed, std::span<std::uint8_t> out, Nanoseconds now_ns);
+  Chunk next_blocks(std::span<std::uint8_t> out);
 
-  Greeting greeting_ = Greeting::ServerInfo;
+  std::size_t greeted_ = 0;  ///< greetings sent
   std::array<std::optional<std::uint32_t>, kChannelCount> subscriptions_{};
   FixedVector<Notice, 8> notices_;
-  std::array<std::uint64_t, kPoseChannels> place_{};  ///< index into the pose history of the next one to send
+  std::array<std::uint64_t, kChannelCount> place_{};  ///< in each topic, of the next message to send
+  std::size_t turn_ = 0;                              ///< the channel that is served first
   std::uint64_t cloud_generation_ = 0;                ///< of the cloud last begun
   std::optional<Nanoseconds> cloud_started_ns_;       ///< set while a cloud is being sent
   std::size_t cloud_offset_ = 0;                      ///< bytes of points that were sent of it
+  BlockExchange* blocks_ = nullptr;
+  BlockPass block_pass_;
   std::uint64_t bad_messages_ = 0;
+  Nanoseconds second_began_ns_ = 0;
+  int messages_this_second_ = 0;
+  bool flooding_ = false;
   std::array<char, kMaxMessageBytes> inbox_{};
   std::size_t inbox_bytes_ = 0;
   bool inbox_overrun_ = false;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "stream/http_content.h"
 
-#include "stream/index_page.h"
+#include "stream/viewer_page.h"
 
 namespace stillmap::stream {
 
@@ -19,7 +19,8 @@ HttpReply HttpContent::find(std::string_view path) {
   const Texts& texts = texts_[0].value();
   const bool starting = texts_[0].generation() == 0;
   if (path == "/") {
-    return {200, "text/html; charset=utf-8", {reinterpret_cast<const char*>(kIndexPage), sizeof(kIndexPage)}};
+    return {
+        200, "text/html; charset=utf-8", {reinterpret_cast<const char*>(kViewerPage), sizeof(kViewerPage)}};
   }
   if (path == "/health") {
     static constexpr char kJson[] = "application/json";

@@ -3,7 +3,7 @@
 
 #include <chrono>
 
-#include "core/spsc_ring.h"
+#include "stream/publisher.h"
 #include "stream/web_server.h"
 
 namespace stillmap {
@@ -17,32 +17,28 @@ std::uint64_t session_id() {
 }  // namespace
 
 struct StreamServer::Impl {
-  Impl(const Config::Stream& stream, Arena& arena)
-      : config(stream),
-        history(arena.take<stream::PoseHistory>("stream.poses", 1)),
-        cloud(arena.take<CloudPoint>("stream.cloud", kMaxCloudPoints)),
-        feed{stream::server_info_json(session_id()), stream::advertise_json(), history, cloud},
+  Impl(const Config& config, Arena& arena)
+      : feed(stream::greeting_texts(session_id(), config.stream.preview != "off"),
+             config.stream.preview != "off", arena.take<CloudPoint>("stream.cloud", kMaxCloudPoints)),
+        publisher(arena, config, feed, counters),
         content(arena),
-        web(static_cast<std::size_t>(stream.max_clients), arena, feed, content, counters, events) {}
+        web(config.stream, arena, feed, content, counters, events) {}
 
-  const Config::Stream config;
-  SpscRing<StreamPose, 64> poses_in;
-  std::span<stream::PoseHistory> history;
-  stream::CloudExchange cloud;
-  stream::Feed feed;
-  stream::HttpContent content;
   stream::Counters counters;
+  stream::Feed feed;
+  stream::Publisher publisher;
+  stream::HttpContent content;
   EventRing events;
   stream::WebServer web;
 };
 
-StreamServer::StreamServer(const Config::Stream& config, Arena& arena)
+StreamServer::StreamServer(const Config& config, Arena& arena)
     : impl_(std::make_unique<Impl>(config, arena)) {}
 
 StreamServer::~StreamServer() = default;
 
 Status StreamServer::open() {
-  return impl_->web.open(impl_->config.listen);
+  return impl_->web.open();
 }
 
 int StreamServer::port() const {
@@ -50,39 +46,73 @@ int StreamServer::port() const {
 }
 
 void StreamServer::publish_pose(const StreamPose& pose) {
-  static_cast<void>(impl_->poses_in.try_push(StreamPose(pose)));  // the ring counts what it refuses
+  impl_->publisher.pose(pose);
+  impl_->web.wake();
+}
+
+bool StreamServer::scene_wanted() const {
+  return impl_->publisher.scene_wanted();
+}
+
+void StreamServer::publish_scene(const StreamScene& scene) {
+  impl_->publisher.scene(scene);
+  impl_->web.wake();
+}
+
+bool StreamServer::picture_wanted() const {
+  return impl_->publisher.picture_wanted();
+}
+
+void StreamServer::publish_picture(const FrameHandle& frame, const Detections& own) {
+  impl_->publisher.picture(frame, own);
   impl_->web.wake();
 }
 
 bool StreamServer::cloud_wanted() const {
-  return impl_->cloud.wanted();
+  return impl_->feed.cloud.wanted();
 }
 
 std::span<CloudPoint> StreamServer::begin_cloud() {
-  return impl_->cloud.begin();
+  return impl_->feed.cloud.begin();
 }
 
 void StreamServer::publish_cloud(std::size_t points, Nanoseconds stamp_ns) {
-  impl_->cloud.publish(points, stamp_ns);
+  impl_->feed.cloud.publish(points, stamp_ns);
   impl_->web.wake();
 }
 
-bool StreamServer::publish_health(std::string_view json, std::string_view metrics) {
+std::span<stream::BlockExchange> StreamServer::block_exchanges() {
+  return impl_->web.block_exchanges();
+}
+
+void StreamServer::blocks_answered() {
+  impl_->web.wake();
+}
+
+bool StreamServer::publish_health(const StreamHealth& health, std::string_view json,
+                                  std::string_view metrics) {
+  impl_->publisher.health(health);
   return impl_->content.publish(json, metrics);
 }
 
+void StreamServer::publish_log(LogLevel level, const char* name, std::string_view text) {
+  impl_->publisher.log(level, name, text);
+}
+
 void StreamServer::service(int timeout_ms) {
-  while (const auto pose = impl_->poses_in.try_pop()) impl_->history[0].push(*pose);
+  impl_->publisher.round(monotonic_now(),
+                         [this](stream::Channel channel) { return impl_->web.subscribed(channel); });
   impl_->web.service(timeout_ms);
 }
 
 void StreamServer::stop() {
+  impl_->publisher.stop();
   impl_->web.stop();
 }
 
 StreamStats StreamServer::stats() const {
   StreamStats stats = impl_->counters.snapshot();
-  stats.poses_refused = impl_->poses_in.usage("stream.poses").refused;
+  stats.poses_refused = impl_->publisher.poses_refused();
   return stats;
 }
 

@@ -9,6 +9,7 @@
 #include "core/arena.h"
 #include "core/event.h"
 #include "core/status.h"
+#include "stream/access.h"
 #include "stream/client_session.h"
 #include "stream/counters.h"
 #include "stream/http_content.h"
@@ -24,17 +25,21 @@ namespace stillmap::stream {
 /// thread.
 class WebServer {
  public:
-  WebServer(std::size_t max_clients, Arena& arena, const Feed& feed, HttpContent& content, Counters& counters,
+  WebServer(const Config::Stream& config, Arena& arena, Feed& feed, HttpContent& content, Counters& counters,
             EventRing& events);
   ~WebServer();
   WebServer(const WebServer&) = delete;
   WebServer& operator=(const WebServer&) = delete;
 
-  Status open(const std::string& listen);
+  Status open();
   int port() const;
   /// One round: what is due goes out, what came in is answered; see StreamServer::service.
   void service(int timeout_ms);
   void stop();
+  /// Stream thread. Whether any client is.
+  bool subscribed(Channel channel) const;
+  /// Map thread. Each client's.
+  std::span<BlockExchange> block_exchanges() const { return block_exchanges_; }
   /// Any thread. Ends the wait of `service`.
   void wake();
 
@@ -51,23 +56,29 @@ class WebServer {
   };
   struct Callback;  ///< the library's calls to us
 
-  void give_up_on_the_overdue();
+  Status create_context(const ListenAddress& address);
+  void give_up_on_the_intolerable();
   void manage_cloud();
   int accept(lws* socket, Connection& connection);
   void forget(Connection& connection);
   void receive(Slot& slot, std::string_view piece);
   int write(Slot& slot);
+  Access::Verdict judge(lws* socket, bool web_socket);
+  int filter(lws* socket);
   int answer(lws* socket, std::string_view path);
   int reply(lws* socket, const HttpReply& reply);
   void emit(EventCode code);
 
+  const Config::Stream config_;
   const std::span<Slot> slots_;
-  const std::span<std::uint8_t> scratch_;  ///< room for the library's header, then one chunk
-  const Feed& feed_;
+  const std::span<BlockExchange> block_exchanges_;  ///< of the slots, in their order
+  const std::span<std::uint8_t> scratch_;           ///< room for the library's header, then one chunk
+  Feed& feed_;
   HttpContent& content_;
   Counters& counters_;
   EventRing& events_;
 
+  Access access_;
   lws_context* context_ = nullptr;
   lws_vhost* vhost_ = nullptr;
   std::unique_ptr<lws_sorted_usec_list> timer_;

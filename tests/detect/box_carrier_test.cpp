@@ -161,6 +161,20 @@ TEST_F(BoxCarrierTest, SpeedIsMeasuredInTheRoomNotInThePicture) {
   EXPECT_NEAR(centre_x(out[0]), (expected.x0 + expected.x1) / 2, 6);
 }
 
+TEST_F(BoxCarrierTest, AnObjectKeepsItsNumberAndGetsOlder) {
+  update(0, {seen({.centre = {0, 0, 2}}), seen({.centre = {1, 0.3, 2}})});
+  update(100 * kMs, {seen({.centre = {0.1, 0, 2}})});
+  const auto carried = carry(200 * kMs);
+  ASSERT_EQ(carried.size(), 2u);
+  EXPECT_EQ(carried[0].object, 1u);
+  EXPECT_EQ(carried[1].object, 2u);
+  EXPECT_EQ(carried[0].age_ns, 200 * kMs);
+  EXPECT_GT(carried[0].velocity_m_s.x, 0.4);
+  carrier_.clear();
+  update(300 * kMs, {seen({.centre = {0, 0, 2}})});
+  EXPECT_EQ(carry(300 * kMs)[0].object, 3u);
+}
+
 TEST_F(BoxCarrierTest, SpeedHasALimit) {
   update(0, {seen({{0, 0, 2}})});
   update(100 * kMs, {seen({{0.7, 0, 2}})});  // 7 m/s: two people, or a mistake

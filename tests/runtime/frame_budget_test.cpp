@@ -7,15 +7,15 @@ namespace stillmap {
 namespace {
 
 TEST(FrameBudget, IsWhatMayBeHeldAtOnce) {
-  const std::size_t whole = frame_budget(true, true, 0).sum();
-  EXPECT_EQ(whole - frame_budget(true, false, 0).sum(), kReadAheadRing + 1);  // a camera is not read ahead
-  EXPECT_EQ(whole - frame_budget(false, true, 0).sum(), 2 + kDetectedRing + 1);
+  const std::size_t whole = frame_budget({.detector = true, .log = true}).sum();
+  EXPECT_EQ(whole - frame_budget({.detector = true}).sum(), kReadAheadRing + 1);  // a camera is not read ahead
+  EXPECT_EQ(whole - frame_budget({.log = true}).sum(), 2 + kDetectedRing + 1);
 }
 
 TEST(FrameBudget, LockstepKeepsTheFramesOfALateDetector) {
-  const std::size_t whole = frame_budget(true, true, 0).sum();
-  EXPECT_EQ(frame_budget(true, true, 2).sum(), whole);  // fewer than the threads would hold
-  EXPECT_EQ(frame_budget(true, true, 60).sum(), 64u);
+  const std::size_t whole = frame_budget({.detector = true, .log = true}).sum();
+  EXPECT_EQ(frame_budget({.detector = true, .log = true, .lockstep_delay = 2}).sum(), whole);  // fewer than the threads would hold
+  EXPECT_EQ(frame_budget({.detector = true, .log = true, .preview = 1, .lockstep_delay = 60}).sum(), 65u);
 }
 
 }  // namespace

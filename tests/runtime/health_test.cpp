@@ -27,7 +27,7 @@ std::string get(StreamServer& server, const std::string& path) {
   to.sin_port = htons(static_cast<std::uint16_t>(server.port()));
   to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
   connect(fd, reinterpret_cast<const sockaddr*>(&to), sizeof(to));
-  const std::string request = "GET " + path + " HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n";
+  const std::string request = "GET " + path + " HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n";
   std::string answer;
   bool sent = false;
   for (int i = 0; i < 5000; ++i) {

@@ -58,11 +58,11 @@ class SetupTest(unittest.TestCase):
         self.assertEqual(self.asked(), ["-qq update", "-qq install --yes --no-install-recommends ninja-build libspng-dev"])
 
     def test_tests_need_more(self):
-        self.installed("shellcheck", "nodejs", "npm")
+        self.installed("shellcheck", "nodejs", "npm", "chromium")
         self.assertEqual(self.setup("--tests").returncode, 0)
-        self.assertTrue(self.asked()[1].endswith("recommends shellcheck nodejs npm"), self.asked())
+        self.assertTrue(self.asked()[1].endswith("recommends shellcheck nodejs npm chromium"), self.asked())
         (self.path / "asked").unlink()
-        for tool in ("node", "npm"):
+        for tool in ("node", "npm", "chromium"):
             self.command(tool, "")
         self.assertEqual(self.setup("--tests").returncode, 0)
         self.assertTrue(self.asked()[1].endswith("recommends shellcheck"), self.asked())

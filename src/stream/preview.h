@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <span>
+#include <string>
+#include <vector>
+
+#include "core/arena.h"
+#include "core/config.h"
+#include "core/frame_pool.h"
+#include "stream/jpeg_encoder.h"
+#include "stream/preview_size.h"
+#include "stream/stream_types.h"
+
+namespace stillmap::stream {
+
+/// The camera's picture, small, with people made unrecognisable before anything is encoded. Stream thread; no
+/// heap after construction.
+class Preview {
+ public:
+  Preview(Arena& arena, const Config& config);
+
+  /// A foxglove.CompressedImage of the frame; returns its bytes, 0 when they do not fit into `out`. Unless
+  /// `stream.preview` is full, these are pixelated: what the detector found on this very frame (`own`), what
+  /// the tracker carried to it (`scene`, of the same frame), both grown by a margin, and the surroundings of
+  /// every feature that moves.
+  std::size_t encode(const FrameSlot& frame, const Detections& own, const StreamScene& scene,
+                     std::span<std::uint8_t> out);
+
+  const PreviewSize& size() const { return size_; }
+
+ private:
+  struct Rect {
+    int x0 = 0, y0 = 0, x1 = 0, y1 = 0;  // pixels of the preview, right and bottom exclusive
+  };
+  void shrink(ImageView<const Bgr> colour);
+  bool hides(std::uint16_t class_id, ClassKind kind) const;
+  void hide(const Box& box);
+  void hide_around(const StreamFeature& feature);
+  void pixelate(const Rect& rect, int edge);
+  ImageView<Bgr> view() const { return {pixels_.data(), size_.width, size_.height, size_.width}; }
+
+  PreviewSize size_;
+  bool full_;
+  std::size_t person_class_;  // its index; none: past the end
+  std::span<Bgr> pixels_;
+  std::span<std::uint8_t> jpeg_;
+  JpegEncoder encoder_;
+};
+
+}  // namespace stillmap::stream

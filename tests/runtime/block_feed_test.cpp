@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/block_feed.h"
+
+#include <gtest/gtest.h>
+
+#include <map>
+
+#include "tests/runtime/wall_scene.h"
+
+namespace stillmap {
+namespace {
+
+using test::WallScene;
+
+/// A map of the wall scene with room for few blocks, and a server whose first client's wishes the test makes.
+struct BlockFeedTest : testing::Test {
+  explicit BlockFeedTest(int blocks = 4000) : config(config_with(blocks)) {}
+  static Config config_with(int blocks) {
+    Config config = WallScene::config();
+    config.map.capacity_voxels = blocks * kBlockVoxels;
+    config.stream.listen = "127.0.0.1:0";
+    return config;
+  }
+  void fuse(int index, Vec3 moved = {}) {
+    FrameHandle frame = pool.acquire();
+    scene.draw(index, frame.writable());
+    Pose T = WallScene::T_first_camera(index);
+    T.t = T.t + moved;
+    ASSERT_EQ(map.fuse({.colour = frame->colour,
+                        .depth = frame->depth,
+                        .mask = mask,
+                        .T_map_camera_depth = T,
+                        .T_map_camera_colour = T,
+                        .sequence = ++sequence}),
+              FuseOutcome::Fused);
+  }
+  /// A whole pass: every answer until it is complete. Keeps how often each slot came, and the version.
+  std::map<std::uint32_t, int> pass(std::uint64_t since) {
+    std::map<std::uint32_t, int> slots;
+    stream::BlockExchange& exchange = server.block_exchanges()[0];
+    stream::BlockRequest request{since, 0};
+    std::uint64_t begun = 0;
+    do {
+      exchange.ask(request);
+      feed.answer(map, 7, server);
+      EXPECT_TRUE(exchange.answered());
+      if (request.cursor == 0) begun = exchange.version();
+      EXPECT_TRUE(exchange.complete() || exchange.next() > request.cursor) << "each answer goes on";
+      request.cursor = exchange.next();
+      for (std::span<const std::uint8_t> rest = exchange.blocks(); !rest.empty();) {
+        // Tag, two bytes of length at most, then the slot as the first field unless it is 0.
+        std::size_t at = 1, length = rest[at] & 127;
+        if (rest[at++] > 127) length |= static_cast<std::size_t>(rest[at++]) << 7;
+        std::uint32_t slot = 0;
+        if (rest[at] == 8)
+          slot = rest[at + 1] > 127 ? (rest[at + 1] & 127U) | rest[at + 2] << 7 : rest[at + 1];
+        ++slots[slot];
+        rest = rest.subspan(at + length);
+      }
+    } while (!exchange.complete());
+    version = begun;
+    return slots;
+  }
+
+  WallScene scene;
+  Config config;
+  Arena arena{64 << 20};
+  FramePool pool{arena, 2, WallScene::kWidth, WallScene::kHeight};
+  RayTable rays{arena, config.camera};
+  VoxelMap map{arena, config.map, config.camera, rays};
+  DynamicMask mask;
+  StreamServer server{config, arena};
+  BlockFeed feed{arena, static_cast<std::size_t>(config.map.capacity_voxels / kBlockVoxels)};
+  std::uint64_t sequence = 0, version = 0;
+};
+
+TEST_F(BlockFeedTest, TheSnapshotHasEachOccupiedBlockOnceAndAPassAfterItNothing) {
+  for (int i = 0; i < 3; ++i) fuse(0);
+  std::size_t occupied = 0;
+  for (int i = 0; i < map.blocks().size(); ++i) occupied += map.blocks().block(i).occupied > 0;
+  ASSERT_GT(occupied, 50U);
+  const auto slots = pass(0);
+  EXPECT_EQ(slots.size(), occupied);
+  for (const auto& [slot, count] : slots) EXPECT_EQ(count, 1) << slot;
+  EXPECT_TRUE(pass(version).empty());
+}
+
+struct SmallMapTest : BlockFeedTest {
+  SmallMapTest() : BlockFeedTest(40) {}
+};
+
+TEST_F(SmallMapTest, AnEvictedBlocksSlotIsToldWhateverItHoldsNow) {
+  for (int i = 0; i < 3; ++i) fuse(0);
+  const auto before = pass(0);
+  std::map<std::uint32_t, BlockCoordinates> at;
+  for (const auto& [slot, count] : before) at[slot] = map.blocks().block(static_cast<int>(slot)).at;
+  fuse(0, {5, 0, 0});  // once: what is new is not yet occupied, but it has taken the place of what was
+  ASSERT_GT(map.blocks_evicted(), 0U);
+  const auto after = pass(version);
+  for (const auto& [slot, place] : at) {
+    const bool taken = !(map.blocks().block(static_cast<int>(slot)).at == place);
+    EXPECT_TRUE(!taken || after.count(slot) == 1U) << slot;
+  }
+}
+
+}  // namespace
+}  // namespace stillmap
