@@ -31,6 +31,11 @@ case "$*" in
   "") ;;
   --tests)
     packages+=(clang-format clang-tidy shellcheck)
+    # The camera driver is tested on a kernel with a virtual camera, in a virtual machine.
+    case $(uname -m) in
+      x86_64) packages+=(qemu-system-x86 busybox-static) ;;
+      aarch64) packages+=(qemu-system-arm busybox-static) ;;
+    esac
     # The stream is tested with its protocol's official client. Any Node.js will do, also one that is not Debian's.
     command -v node >/dev/null || packages+=(nodejs)
     command -v npm >/dev/null || packages+=(npm)

@@ -59,6 +59,8 @@ const char* to_string(DropReason reason) {
       return "tracker_behind";
     case DropReason::TimeJump:
       return "time_jump";
+    case DropReason::DriverDropped:
+      return "driver_dropped";
   }
   return "?";
 }

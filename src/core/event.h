@@ -34,8 +34,9 @@ enum class DropReason : std::uint8_t {
   NoFreeSlot,     ///< every pool frame was held
   TrackerBehind,  ///< the tracker skipped to a newer frame
   TimeJump,       ///< the stamp is not later than the one before
+  DriverDropped,  ///< the device or its driver lost it, as its sequence numbers show
 };
-constexpr int kDropReasonCount = 8;
+constexpr int kDropReasonCount = 9;
 const char* to_string(DropReason reason);
 
 /// A thing that happened on a hot stage, as plain numbers; the health thread makes the words.

@@ -23,6 +23,7 @@ class Capture {
         counters_(counters),
         log_(log),
         is_log_(driver.describe().is_log),
+        stamps_are_monotonic_(driver.describe().monotonic_stamps),
         duration_s_(duration_s),
         spare_(frames.acquire()) {
     STILLMAP_CHECK(spare_);
@@ -41,7 +42,7 @@ class Capture {
   FramePool& frames_;
   RunCounters& counters_;
   CaptureLog& log_;
-  bool is_log_;
+  bool is_log_, stamps_are_monotonic_;
   double duration_s_;
   FrameHandle spare_;
   bool spare_is_filled_ = false;  // a log's frame that waits
