@@ -37,6 +37,12 @@ const char* to_string(EventCode code) {
       return "client_connected";
     case EventCode::ClientGone:
       return "client_gone";
+    case EventCode::SourceGone:
+      return "source_gone";
+    case EventCode::SourceStalled:
+      return "source_stalled";
+    case EventCode::SourceBack:
+      return "source_back";
   }
   return "?";
 }

@@ -21,6 +21,9 @@ enum class EventCode : std::uint8_t {
   DetectorFailed,
   ClientConnected,  ///< a = clients now
   ClientGone,       ///< a = clients now
+  SourceGone,       ///< the camera was unplugged; a = ms since its last frame
+  SourceStalled,    ///< the camera fell silent and is opened anew; a = ms since its last frame
+  SourceBack,       ///< the camera delivers again; a = tries that it took
 };
 const char* to_string(EventCode code);
 
