@@ -22,6 +22,13 @@ float usable_radius2(const CameraModel& c) {
   return static_cast<float>(worst * 1.21);
 }
 
+/// The next whole number from `v` on, kept from 0 to `last`; without a call, so that four are done at once.
+int first_from(float v, int last) {
+  constexpr float kOffset = 4096;  // pictures are smaller
+  const float kept = std::min(std::max(v, -1.f), kOffset - 1);
+  return std::min(std::max(4096 - static_cast<int>(kOffset - kept), 0), last);
+}
+
 }  // namespace
 
 DepthRegistration::DepthRegistration(const CameraModel& colour, const CameraModel& depth,
@@ -36,9 +43,11 @@ DepthRegistration::DepthRegistration(const CameraModel& colour, const CameraMode
       half_v_(static_cast<float>(0.5 * colour.fy / depth.fy)),
       max_radius2_(usable_radius2(colour)),
       rays_(static_cast<std::size_t>(width_) * static_cast<std::size_t>(height_) * 3),
-      u_(static_cast<std::size_t>(width_)),
-      v_(u_.size()),
-      z_(u_.size()) {
+      left_(static_cast<std::size_t>(width_)),
+      right_(left_.size()),
+      top_(left_.size()),
+      bottom_(left_.size()),
+      reading_(left_.size()) {
   float* row = rays_.data();
   for (int y = 0; y < height_; ++y, row += 3 * width_) {
     for (int x = 0; x < width_; ++x) {
@@ -60,19 +69,25 @@ void DepthRegistration::project_row(const std::uint16_t* from, int y) {
              p2 = static_cast<float>(colour_.p2);
   const auto fx = static_cast<float>(colour_.fx), fy = static_cast<float>(colour_.fy),
              cx = static_cast<float>(colour_.cx), cy = static_cast<float>(colour_.cy);
-  float *u = u_.data(), *v = v_.data(), *far = z_.data();
-  // Without branches, so that the compiler takes several readings at once.
-  for (int i = 0; i < width_; ++i) {
+  const int count = width_, width = colour_.width, height = colour_.height;
+  int *left = left_.data(), *right = right_.data(), *top = top_.data(), *bottom = bottom_.data(),
+      *reading = reading_.data();
+  // Without branches and with its own count, so that the compiler takes several readings at once.
+  for (int i = 0; i < count; ++i) {
     const auto d = static_cast<float>(from[i]);
     const float z = d * rz[i] + tz_;
     const float inverse_z = 1.f / std::max(z, 1e-3f);
     const float a = (d * rx[i] + tx_) * inverse_z, b = (d * ry[i] + ty_) * inverse_z;
     const float r2 = a * a + b * b;
     const float radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3));
-    u[i] = fx * (a * radial + 2 * p1 * a * b + p2 * (r2 + 2 * a * a)) + cx;
-    v[i] = fy * (b * radial + p1 * (r2 + 2 * b * b) + 2 * p2 * a * b) + cy;
+    const float u = fx * (a * radial + 2 * p1 * a * b + p2 * (r2 + 2 * a * a)) + cx;
+    const float v = fy * (b * radial + p1 * (r2 + 2 * b * b) + 2 * p2 * a * b) + cy;
     const bool seen = (d > 0) & (z >= 0.5f) & (z < 65535.f) & (r2 <= max_radius2_);
-    far[i] = seen ? z : 0.f;
+    left[i] = first_from(u - half_u_, width);
+    right[i] = seen ? first_from(u + half_u_, width) : 0;
+    top[i] = first_from(v - half_v_, height);
+    bottom[i] = first_from(v + half_v_, height);
+    reading[i] = static_cast<int>(z + 0.5f);
   }
 }
 
@@ -82,16 +97,11 @@ void DepthRegistration::apply(ImageView<const std::uint16_t> from, ImageView<std
   for (int y = 0; y < into.height; ++y) std::fill_n(into.row(y), into.width, std::uint16_t{0});
   for (int y = 0; y < height_; ++y) {
     project_row(from.row(y), y);
-    for (std::size_t i = 0; i < z_.size(); ++i) {
-      if (z_[i] <= 0) continue;
-      const auto reading = static_cast<std::uint16_t>(z_[i] + 0.5f);
-      const int left = std::max(0, static_cast<int>(std::ceil(u_[i] - half_u_)));
-      const int right = std::min(into.width, static_cast<int>(std::ceil(u_[i] + half_u_)));
-      const int top = std::max(0, static_cast<int>(std::ceil(v_[i] - half_v_)));
-      const int bottom = std::min(into.height, static_cast<int>(std::ceil(v_[i] + half_v_)));
-      for (int row = top; row < bottom; ++row) {
+    for (std::size_t i = 0; i < left_.size(); ++i) {
+      const auto reading = static_cast<std::uint16_t>(reading_[i]);
+      for (int row = top_[i]; row < bottom_[i]; ++row) {
         std::uint16_t* to = into.row(row);
-        for (int column = left; column < right; ++column) {
+        for (int column = left_[i]; column < right_[i]; ++column) {
           // No reading counts as farthest: 0 - 1 wraps around to the largest.
           if (static_cast<std::uint16_t>(reading - 1) < static_cast<std::uint16_t>(to[column] - 1))
             to[column] = reading;

@@ -35,8 +35,9 @@ class DepthRegistration {
   float half_u_, half_v_;    // of a reading's footprint in the colour picture, px, at equal distance
   float max_radius2_;        // of the undistorted image plane, beyond which the lens model says nothing
   std::vector<float> rays_;  // the depth camera's in the colour camera's axes; a row of x, one of y, one of z
-  /// Where a row's readings fall (px), and how far they are from there (depth units; 0: nowhere).
-  std::vector<float> u_, v_, z_;
+  /// Where a row's readings fall: pixels from left to before right, and from top to before bottom; and what
+  /// they read from there. Empty where they fall nowhere.
+  std::vector<int> left_, right_, top_, bottom_, reading_;
 };
 
 }  // namespace stillmap

@@ -17,6 +17,18 @@ struct V4l2Format {
   bool own_chroma_plane = false;
 };
 
+inline std::string fourcc_text(std::uint32_t fourcc) {
+  std::string text(4, ' ');
+  for (int i = 0; i < 4; ++i) text[static_cast<std::size_t>(i)] = static_cast<char>(fourcc >> (8 * i));
+  return text;
+}
+/// "Z16" is the same as the kernel's "Z16 ".
+inline bool is_named(std::uint32_t fourcc, std::string_view name) {
+  std::string padded(name);
+  padded.resize(4, ' ');
+  return name.size() <= 4 && fourcc_text(fourcc) == padded;
+}
+
 /// What can be used as colour, the best first: uncompressed before JPEG, colour before grey.
 constexpr std::array<V4l2Format, 7> kV4l2Colours{{{V4L2_PIX_FMT_YUYV, PixelFormat::Yuyv},
                                                   {V4L2_PIX_FMT_NV12, PixelFormat::Nv12},
@@ -27,11 +39,5 @@ constexpr std::array<V4l2Format, 7> kV4l2Colours{{{V4L2_PIX_FMT_YUYV, PixelForma
                                                   {V4L2_PIX_FMT_GREY, PixelFormat::Grey}}};
 constexpr std::array<V4l2Format, 2> kV4l2Depths{
     {{V4L2_PIX_FMT_Z16, PixelFormat::Depth16}, {V4L2_PIX_FMT_Y16, PixelFormat::Depth16}}};
-
-inline std::string fourcc_text(std::uint32_t fourcc) {
-  std::string text(4, ' ');
-  for (int i = 0; i < 4; ++i) text[static_cast<std::size_t>(i)] = static_cast<char>(fourcc >> (8 * i));
-  return text;
-}
 
 }  // namespace stillmap

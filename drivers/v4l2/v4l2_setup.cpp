@@ -16,8 +16,7 @@ namespace stillmap {
 
 namespace {
 
-Error refused(const V4l2Request& request, const std::string& what,
-              ExitCode code = ExitCode::UnreadableInput) {
+Error refused(const V4l2Request& request, const std::string& what, ExitCode code = ExitCode::RunFailed) {
   return {code, request.device + ": " + what};
 }
 
@@ -121,7 +120,7 @@ Status V4l2Stream::Node::set_format(const V4l2Request& request, std::span<const 
   std::string nearest;
   bool known_name = request.format.empty();
   for (const V4l2Format& wanted : known) {
-    if (!request.format.empty() && fourcc_text(wanted.fourcc) != request.format) continue;
+    if (!request.format.empty() && !is_named(wanted.fourcc, request.format)) continue;
     known_name = true;
     v4l2_format offered{};
     if (!offers(file_, type_, wanted.fourcc)) continue;
@@ -245,7 +244,8 @@ std::vector<V4l2Device> list_v4l2_devices() {
     v4l2_capability capability{};
     const bool asked = v4l2_ioctl(file, VIDIOC_QUERYCAP, &capability);
     if (const std::uint32_t type = asked ? capture_type(capability) : 0; type != 0) {
-      V4l2Device device{path, reinterpret_cast<const char*>(capability.card)};
+      V4l2Device device{path, reinterpret_cast<const char*>(capability.card),
+                        reinterpret_cast<const char*>(capability.bus_info)};
       const auto has = [&](const V4l2Format& f) { return offers(file, type, f.fourcc); };
       device.colour = std::any_of(kV4l2Colours.begin(), kV4l2Colours.end(), has);
       device.depth = std::any_of(kV4l2Depths.begin(), kV4l2Depths.end(), has);

@@ -41,7 +41,7 @@ class V4l2Stream : public PictureStream {
 
 /// A video node that can be captured from.
 struct V4l2Device {
-  std::string path, card;
+  std::string path, card, bus;         ///< nodes of one device share the bus
   bool colour = false, depth = false;  ///< what its formats can be used as
 };
 /// Those of this machine that can be opened, in the order of their numbers.

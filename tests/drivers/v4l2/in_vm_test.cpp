@@ -113,7 +113,7 @@ TEST(V4l2, WithoutAWishItTakesTheBestFormat) {
 }
 
 TEST(V4l2, DepthIsReadInPlace) {
-  V4l2Stream stream(request("/dev/video1", "Y16 ", true));
+  V4l2Stream stream(request("/dev/video1", "Y16", true));
   ASSERT_TRUE(stream.open().ok());
   ASSERT_TRUE(stream.start().ok());
   HeldPicture held;
