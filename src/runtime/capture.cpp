@@ -81,6 +81,8 @@ Capture::Outcome Capture::fill_spare(Nanoseconds deadline_ns) {
   slot.due_ns = monotonic_now();
   if (stamps_are_monotonic_) slot.due_ns = std::min(slot.due_ns, slot.colour_ns);
   make_grey(slot.colour, slot.grey);
+  if (const DepthCheck::Verdict verdict = depth_check_.look(slot); verdict.fault != DepthFault::None)
+    counters_.depth_verdict.store(verdict, std::memory_order_relaxed);
   return Outcome::Frame;
 }
 

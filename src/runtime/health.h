@@ -21,12 +21,16 @@ class Health {
  private:
   void log_events();
   void log_drops();
+  void log_recorder();
+  void log_depth();
   void publish();
   RunContext& context_;
   Nanoseconds started_ns_ = monotonic_now();
   Nanoseconds published_ns_ = 0;
   std::uint64_t processed_before_ = 0;
   std::array<std::uint64_t, kDropReasonCount> drops_logged_{};
+  std::uint64_t record_missing_logged_ = 0;
+  DepthFault depth_fault_logged_ = DepthFault::None;
 };
 
 }  // namespace stillmap

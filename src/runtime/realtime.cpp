@@ -55,8 +55,8 @@ void push_end(Ring& ring, Waker& consumer, Waker& self) {
 
 void capture_thread(RunContext& context, Lanes& lanes) {
   name_thread("capture");
-  Capture capture(context.driver, context.stages.frames, context.counters, context.capture_log,
-                  context.options.duration_s);
+  Capture capture(context.driver, context.config.camera, context.stages.frames, context.counters,
+                  context.capture_log, context.options.duration_s);
   const bool paced = context.driver.describe().is_log;
   Nanoseconds start_ns = 0, first_stamp_ns = 0;
   while (!context.stop.load(std::memory_order_relaxed)) {
@@ -82,6 +82,7 @@ void capture_thread(RunContext& context, Lanes& lanes) {
         lanes.capture_waker.wait(lanes.capture_waker.ticket(), std::min(due_ns - monotonic_now(), kIdleWait));
       }
     }
+    if (context.record != nullptr) context.record->offer(frame);
     FrameHandle for_detector = frame.share();
     if (!lanes.to_track.try_push({std::move(frame), false})) {
       context.counters.drop(DropReason::TrackerBehind);

@@ -4,6 +4,7 @@
 #include <spdlog/sinks/stdout_sinks.h>
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
 #include <csignal>
 #include <ctime>
 
@@ -128,12 +129,45 @@ Status run_outcome(const RunContext& context) {
   return {};
 }
 
-Status run(const RunOptions& options) {
+namespace {
+
+/// Without a source the first camera is taken, and without a profile its lens is guessed.
+Result<RunOptions> complete(RunOptions options) {
+  const bool camera = !options.source.starts_with("tum:");
+  if (options.source.empty()) {
+    const std::vector<FoundSource> found = find_sources();
+    const auto usable =
+        std::find_if(found.begin(), found.end(), [](const auto& f) { return !f.uri.empty(); });
+    if (usable == found.end()) {
+      return Error{
+          ExitCode::RunFailed,
+          "no camera found; plug one in (`stillmap doctor` looks for what is in its way), or play a log "
+          "with --source tum:DIR"};
+    }
+    options.source = usable->uri;
+    spdlog::info("source: {} ({})", usable->uri, usable->description);
+  }
+  if (camera && options.configs.empty()) {
+    const std::vector<std::string> nominal = nominal_profile(options.source);
+    options.overrides.insert(options.overrides.begin(), nominal.begin(), nominal.end());
+    spdlog::warn(
+        "no camera profile: a nominal lens is assumed, and the map's scale may be off by some percent; "
+        "give --config with a file of firmware-config/cameras, or calibrate");
+  }
+  return options;
+}
+
+}  // namespace
+
+Status run(const RunOptions& asked) {
   const Nanoseconds process_start_ns = monotonic_now();
   stop_requested.store(false);
   handle_signals();
   spdlog::set_default_logger(
       std::make_shared<spdlog::logger>("stillmap", std::make_shared<spdlog::sinks::stderr_sink_mt>()));
+  const Result<RunOptions> completed = complete(asked);
+  if (!completed.ok()) return completed.error();
+  const RunOptions& options = completed.value();
   const Result<LoadedConfig> loaded = load_config(options.configs, options.overrides);
   if (!loaded.ok()) return loaded.error();
   Config config = loaded.value().config;
@@ -162,9 +196,11 @@ Status run(const RunOptions& options) {
     spdlog::warn("detector.model is \"none\": nothing that moves is recognised by what it is");
   }
 
-  const Stages::Parts parts{.detector = detector != nullptr,
-                            .stream = config.stream.listen != "off",
-                            .extra_frames = options.mode == RunMode::Lockstep ? options.detector_delay : 0};
+  const Stages::Parts parts{
+      .detector = detector != nullptr,
+      .stream = config.stream.listen != "off",
+      .extra_frames = (options.mode == RunMode::Lockstep ? options.detector_delay : 0) +
+                      (options.record.empty() ? 0 : RecordLane::frames_held(config.record.buffer_frames))};
   Arena planning;
   plan_memory(planning, config, parts);
   if (Status s = check_budget(planning, config); !s.ok()) return s;
@@ -180,8 +216,23 @@ Status run(const RunOptions& options) {
   const auto context = std::make_unique<RunContext>(config, options, *source.value().driver, detector.get(),
                                                     *stages, stop_requested);
   constexpr std::size_t kPosesOfACamera = 200'000;
+  context->source_events = source.value().events.get();
   context->track_log.causal.reserve(source.value().stamps.empty() ? kPosesOfACamera
                                                                   : source.value().stamps.size());
+  std::unique_ptr<Recorder> recorder;
+  std::unique_ptr<RecordLane> record;
+  if (!options.record.empty()) {
+    recorder =
+        std::make_unique<Recorder>(Recorder::Setup{.folder = options.record,
+                                                   .width = config.camera.width,
+                                                   .height = config.camera.height,
+                                                   .exact_colour = config.record.colour == "png",
+                                                   .jpeg_quality = config.record.jpeg_quality,
+                                                   .camera_profile = recorded_profile(loaded.value())});
+    if (Status s = recorder->open(); !s.ok()) return s;
+    record = std::make_unique<RecordLane>(*recorder, config.record.buffer_frames, context->counters);
+    context->record = record.get();
+  }
   if (Status s = source.value().driver->start(); !s.ok()) return s;
 
   ReportFacts facts;
@@ -202,6 +253,7 @@ Status run(const RunOptions& options) {
   facts.run_end_ns = monotonic_now();
   facts.cpu_s = process_cpu_s() - cpu_start_s;
   source.value().driver->stop();
+  if (record != nullptr) record->finish();
   if (stages->stream) stages->stream->stop();
 
   Status written = write_outputs(*context, facts, groundtruth, source.value().stamps);

@@ -8,6 +8,7 @@
 #include "core/event.h"
 #include "detect/detector.h"
 #include "drivers/rgbd_driver.h"
+#include "runtime/record_lane.h"
 #include "runtime/run_options.h"
 #include "runtime/run_state.h"
 #include "runtime/stages.h"
@@ -32,7 +33,9 @@ struct RunContext {
   CaptureLog capture_log;
   DetectLog detect_log;
   std::array<EventRing, kStageCount> events;
-  bool source_lost = false;  ///< written by capture, read when the run has ended
+  RecordLane* record = nullptr;        ///< null: nothing is recorded
+  EventRing* source_events = nullptr;  ///< a camera's own, told on capture's thread; null: none
+  bool source_lost = false;            ///< written by capture, read when the run has ended
 
   EventRing& events_of(Stage stage) { return events[static_cast<std::size_t>(stage)]; }
 };

@@ -19,6 +19,7 @@ struct RunOptions {
   int detector_every = 1;  ///< frames, lockstep only
   double duration_s = 0;   ///< 0: until the source ends
   std::string trajectory, trajectory_final, map, report, groundtruth;
+  std::string record;  ///< folder for a log of what the source delivers
   std::string listen;  ///< overrides stream.listen
 };
 

@@ -10,6 +10,7 @@
 #include "core/fixed_vector.h"
 #include "core/tracking_result.h"
 #include "eval/trajectory.h"
+#include "runtime/depth_check.h"
 #include "runtime/latency.h"
 
 namespace stillmap {
@@ -35,7 +36,9 @@ struct RunCounters {
   Count tracked{0}, weak{0}, lost{0}, relocalized{0}, segments{0}, keyframes{0};
   Count static_features{0}, dynamic_features{0}, semi_static_features{0}, unknown_features{0};
   Count detector_runs{0}, detector_failures{0};
-  std::atomic<int> state{0};  ///< TrackState
+  Count recorded{0}, record_failed{0}, record_left_out{0}, record_cpu_ns{0};  ///< of --record
+  std::atomic<DepthCheck::Verdict> depth_verdict{};  ///< the newest that found a fault
+  std::atomic<int> state{0};                         ///< TrackState
   PoolMark points, keyframe_pool, blocks;
 
   /// Capture and tracker both drop frames that the tracker is too late for.
