@@ -78,7 +78,7 @@ Status V4l2Stream::Node::open(const V4l2Request& request) {
                                 "); `stillmap devices` lists what is there");
   }
   if (Status s = check_capabilities(request); !s.ok()) return s;
-  const Status format = request.depth ? set_format(request, kV4l2Depths) : set_format(request, kV4l2Colours);
+  Status format = request.depth ? set_format(request, kV4l2Depths) : set_format(request, kV4l2Colours);
   if (!format.ok()) return format;
   set_rate(request.fps);
   if (Status s = set_controls(request); !s.ok()) return s;

@@ -76,7 +76,7 @@ TEST(DepthCheck, AWrongUnitIsAMatterOfScale) {
   const DepthCheck::Verdict v = verdict_on(posts(0, 5000), 100);
   EXPECT_EQ(v.fault, DepthFault::Scale);
   EXPECT_EQ(v.percent, 100);
-  EXPECT_EQ(verdict_on(posts(0, 1000), 5000).fault, DepthFault::Scale) << "0.2 m and 0.4 m";
+  EXPECT_EQ(verdict_on(posts(0, 500), 5000).fault, DepthFault::Scale) << "0.1 m and 0.2 m";
 }
 
 TEST(DepthCheck, AlmostNoReadingIsEmpty) {
