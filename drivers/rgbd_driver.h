@@ -16,6 +16,8 @@ struct SourceInfo {
   double fps = 0;          ///< nominal; 0 = unknown
   bool is_log = false;     ///< recorded: it can be paced, and it ends
   std::size_t frames = 0;  ///< how many a log offers; 0 for a camera
+  bool monotonic_stamps =
+      false;  ///< stamps are on the monotonic clock, at exposure: latency counts from them
 };
 
 enum class GrabStatus : std::uint8_t {

@@ -21,10 +21,14 @@ packages=(
   nlohmann-json3-dev libspng-dev libjpeg-dev libtomlplusplus-dev libcli11-dev libssl-dev
   # The stream's server, and its messages, whose code is generated while building.
   libwebsockets-dev libnanopb-dev nanopb protobuf-compiler libprotobuf-dev
+  # Cameras; the driver is a module that the program runs without.
+  libopenni2-dev
   # The tests are built with everything else, and so is the renderer of the demo's log.
   libgtest-dev libgmock-dev
   # The demo's network and pictures.
   python3 python3-numpy python3-onnx python3-opencv python3-matplotlib
+  # import_calibration.py
+  python3-yaml
   # get_tum.sh and get_model.sh
   curl ca-certificates
 )
@@ -32,6 +36,11 @@ case "$*" in
   "") ;;
   --tests)
     packages+=(clang-format clang-tidy shellcheck openssl python3-scipy)
+    # The camera driver is tested on a kernel with a virtual camera, in a virtual machine.
+    case $(uname -m) in
+      x86_64) packages+=(qemu-system-x86 busybox-static) ;;
+      aarch64) packages+=(qemu-system-arm busybox-static) ;;
+    esac
     # The stream is tested with its protocol's official client. Any Node.js will do, also one that is not Debian's.
     command -v node >/dev/null || packages+=(nodejs)
     command -v npm >/dev/null || packages+=(npm)

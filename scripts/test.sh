@@ -92,8 +92,8 @@ step "demo" scripts/demo.sh --frames 60 --out build/demo
 
 # Under sanitizers, scripts and the program's black-box tests say little more than the rooms' tests and take much longer;
 # the tracker's tests render their frames, which takes a sanitizer minutes. Threads meet in core, stream and runtime only.
-asan_programs=(core_test detect_test segment_test map_test stream_test eval_test tum_log_test)
-asan_tests=(-R '^(core_test|detect_test|segment_test|map_test|stream_test|eval_test|tum_log_test)\.' -E 'SegmentWalkers\.Detected')
+asan_programs=(core_test detect_test segment_test map_test stream_test eval_test pictures_test tum_log_test paired_test recorder_test)
+asan_tests=(-R '^(core_test|detect_test|segment_test|map_test|stream_test|eval_test|pictures_test|tum_log_test|paired_test|recorder_test)\.' -E 'SegmentWalkers\.Detected')
 tsan_programs=(core_test stream_test runtime_test)
 tsan_tests=(-R '^(core_test\.|stream_test\.|runtime_test\.(Waker|Threads|Lockstep|Health|RunCounters))')
 if [ "$full" = yes ]; then

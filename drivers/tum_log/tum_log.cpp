@@ -8,7 +8,7 @@
 #include <algorithm>
 #include <utility>
 
-#include "drivers/tum_log/decode.h"
+#include "drivers/pictures/codecs.h"
 #include "drivers/tum_log/frame_list.h"
 
 namespace stillmap {

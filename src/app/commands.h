@@ -17,5 +17,7 @@ void add_eval_command(CLI::App& app, Action& action);
 void add_plan_command(CLI::App& app, Action& action);
 void add_check_command(CLI::App& app, Action& action);
 void add_map_command(CLI::App& app, Action& action);
+void add_devices_command(CLI::App& app, Action& action);
+void add_doctor_command(CLI::App& app, Action& action);
 
 }  // namespace stillmap

@@ -3,12 +3,13 @@
 #include <string>
 
 #include "app/commands.h"
+#include "runtime/source.h"
 #include "runtime/version.h"
 
 int main(int argc, char** argv) {
   CLI::App app{"Stillmap: RGB-D frames in, the camera's pose and a map of everything that stands still out."};
   app.set_version_flag("--version", std::string("stillmap ") + stillmap::kVersion + " (" +
-                                        stillmap::kGitRevision + "), sources: tum");
+                                        stillmap::kGitRevision + "), sources: " + stillmap::source_kinds());
   app.require_subcommand(1);
   stillmap::Action action;
   stillmap::add_run_command(app, action);
@@ -16,6 +17,8 @@ int main(int argc, char** argv) {
   stillmap::add_plan_command(app, action);
   stillmap::add_check_command(app, action);
   stillmap::add_map_command(app, action);
+  stillmap::add_devices_command(app, action);
+  stillmap::add_doctor_command(app, action);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {

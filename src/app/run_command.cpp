@@ -13,7 +13,8 @@ void add_run_command(CLI::App& app, Action& action) {
   run_app->add_option("--config", o->configs, "Configuration file; later ones override earlier ones")
       ->take_all();
   run_app->add_option("--set", o->overrides, "KEY=VALUE, overrides the files")->take_all();
-  run_app->add_option("--source", o->source, "tum:DIR")->required();
+  run_app->add_option("--source", o->source,
+                      "tum:DIR, v4l2:COLOUR,DEPTH or openni2:[URI|FILE.oni]; without it, the first camera");
   run_app->add_option("--mode", o->mode, "live (cameras), realtime, fast or lockstep (logs)")
       ->transform(CLI::CheckedTransformer(std::map<std::string, RunMode>{{"live", RunMode::Live},
                                                                          {"realtime", RunMode::Realtime},
@@ -38,6 +39,8 @@ void add_run_command(CLI::App& app, Action& action) {
   run_app->add_option("--map", o->map, "The voxel map, .stillmap (with checkpoints) or .ply");
   run_app->add_option("--report", o->report, "Counts, times, memory and accuracy, JSON");
   run_app->add_option("--groundtruth", o->groundtruth, "TUM trajectory to compare with");
+  run_app->add_option("--record", o->record,
+                      "New folder for a log of what the source delivers; pictures show people as they are");
   run_app->add_option("--listen", o->listen, "ADDR:PORT of the stream, or off");
   run_app->callback([o, &action, delay, every] {
     const bool timed = delay->count() + every->count() > 0;

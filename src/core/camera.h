@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <optional>
 #include <span>
 
 #include "core/arena.h"
@@ -31,6 +32,9 @@ struct CameraModel {
     return z >= depth_min_m && z <= depth_max_m ? z : 0;
   }
   double depth_sigma_m(double z_m) const { return depth_noise_m_at_1m * z_m * z_m; }
+  /// A pixel (of a coarse grid and the picture's rim) at which the lens model folds the picture over itself,
+  /// so that no single ray belongs to it; nothing for a sound lens.
+  std::optional<Vec2> folded_pixel() const;
 };
 
 /// The undistorted ray (x, y, 1) of every pixel, so that back-projecting a picture honours the lens at the

@@ -71,6 +71,34 @@ std::vector<Key> describe(Config& c) {
       {"camera.fps", &c.mount.fps, "Hz", "frame rate", 1, 240},
       {"camera.T_base_camera", &c.mount.T_base_camera, "m",
        "camera in the robot's base: x, y, z, qx, qy, qz, qw", -100, 100},
+      {"camera.colour_format", &c.device.colour_format, "",
+       "V4L2 format of colour, e.g. YUYV or MJPG; empty: the device's best"},
+      {"camera.depth_format", &c.device.depth_format, "", "V4L2 format of depth; empty: Z16, else Y16"},
+      {"camera.colour_controls", &c.device.colour_controls, "",
+       "V4L2 controls of the colour node, NAME=NUMBER as v4l2-ctl lists them"},
+      {"camera.depth_controls", &c.device.depth_controls, "", "V4L2 controls of the depth node"},
+      {"camera.stall_s", &c.device.stall_s, "s", "a camera that is silent for so long is opened anew", 0.2,
+       60},
+      {"camera.give_up_s", &c.device.give_up_s, "s", "a camera that is gone for so long ends the run", 0,
+       86400},
+      {"camera.depth.width", &c.device.depth.width, "px",
+       "width of a depth picture that is not registered to colour by the device; 0: it is", 0, 1280},
+      {"camera.depth.height", &c.device.depth.height, "px", "its height", 0, 960},
+      {"camera.depth.fx", &c.device.depth.fx, "px", "the depth camera's focal length", 0, 5000},
+      {"camera.depth.fy", &c.device.depth.fy, "px", "the depth camera's focal length", 0, 5000},
+      {"camera.depth.cx", &c.device.depth.cx, "px", "the depth camera's principal point", 0, 1280},
+      {"camera.depth.cy", &c.device.depth.cy, "px", "the depth camera's principal point", 0, 960},
+      {"camera.depth.k1", &c.device.depth.k1, "", "the depth camera's radial distortion (plumb_bob)", -10,
+       10},
+      {"camera.depth.k2", &c.device.depth.k2, "", "the depth camera's radial distortion", -10, 10},
+      {"camera.depth.p1", &c.device.depth.p1, "", "the depth camera's tangential distortion", -1, 1},
+      {"camera.depth.p2", &c.device.depth.p2, "", "the depth camera's tangential distortion", -1, 1},
+      {"camera.depth.k3", &c.device.depth.k3, "", "the depth camera's radial distortion", -10, 10},
+      {"camera.depth.T_colour_depth", &c.device.T_colour_depth, "m",
+       "the depth camera in the colour camera: x, y, z, qx, qy, qz, qw", -10, 10},
+      {"record.colour", &c.record.colour, "", "colour of --record: \"jpeg\", or \"png\" for exact pixels"},
+      {"record.jpeg_quality", &c.record.jpeg_quality, "", "quality of recorded JPEG", 50, 100},
+      {"record.buffer_frames", &c.record.buffer_frames, "frames", "frames that may wait for the disk", 2, 32},
       {"detector.model", &c.detector.model, "",
        "ONNX file, \"auto\" (the installed network, else none) or \"none\"", 0, 0, false, true},
       {"detector.sha256", &c.detector.sha256, "", "checksum of the model file; empty: not checked"},
@@ -342,6 +370,27 @@ Status apply_override(std::vector<Key>& keys, const std::string& text) {
   return apply_table(keys, table, "", "--set", {});
 }
 
+Status check_lens(const CameraModel& lens, const std::string& prefix) {
+  const std::optional<Vec2> folded = lens.folded_pixel();
+  if (!folded) return {};
+  return wrong(
+      prefix + "k1, k2, p1, p2, k3 fold the picture over itself at the pixel " + number_text(folded->x) +
+      ", " + number_text(folded->y) +
+      "; they are not this lens' plumb_bob coefficients (a fisheye model's are others): calibrate again");
+}
+
+Status check_depth_camera(const Config::Device& d) {
+  const CameraModel& lens = d.depth;
+  if (lens.width == 0) return {};
+  if (lens.height == 0 || lens.fx <= 0 || lens.fy <= 0 || lens.cx <= 0 || lens.cy <= 0 ||
+      lens.cx >= lens.width || lens.cy >= lens.height || !d.T_colour_depth) {
+    return wrong("camera.depth.width = " + std::to_string(lens.width) +
+                 " px asks for registration, which needs camera.depth.height, fx, fy, cx, cy (inside that "
+                 "picture) and T_colour_depth, too");
+  }
+  return check_lens(lens, "camera.depth.");
+}
+
 Status check_whole(const Config& c) {
   if (c.camera.depth_min_m >= c.camera.depth_max_m) {
     return wrong("camera.depth_min_m = " + number_text(c.camera.depth_min_m) +
@@ -352,6 +401,11 @@ Status check_whole(const Config& c) {
                  " px lie outside the " + std::to_string(c.camera.width) + " x " +
                  std::to_string(c.camera.height) +
                  " px picture; take the intrinsics of this very resolution");
+  }
+  if (Status s = check_lens(c.camera, "camera."); !s.ok()) return s;
+  if (Status s = check_depth_camera(c.device); !s.ok()) return s;
+  if (c.record.colour != "jpeg" && c.record.colour != "png") {
+    return wrong("record.colour = \"" + c.record.colour + "\" must be \"jpeg\" or \"png\"");
   }
   if (c.detector.input_width % 32 != 0 || c.detector.input_height % 32 != 0) {
     return wrong("detector.input_width, detector.input_height = " + std::to_string(c.detector.input_width) +
@@ -416,6 +470,11 @@ Result<LoadedConfig> load_config(std::span<const std::string> files, std::span<c
   for (const Key& key : keys)
     loaded.entries.push_back({key.name, value_text(key.target), key.unit, key.origin, key.help});
   return loaded;
+}
+
+Pose pose_from(const std::array<double, 7>& numbers) {
+  const auto& [x, y, z, qx, qy, qz, qw] = numbers;
+  return {rotation_from({qw, qx, qy, qz}), {x, y, z}};
 }
 
 std::string config_text(const LoadedConfig& loaded) {

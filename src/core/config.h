@@ -36,6 +36,21 @@ struct Config {
     /// x, y, z in m and the quaternion x, y, z, w of the camera in the robot's base (x forward, z up).
     std::optional<std::array<double, 7>> T_base_camera;
   } mount;
+  /// How a live camera is opened and looked after; a log needs none of it.
+  struct Device {
+    std::string colour_format, depth_format;  ///< four letters as the kernel's; empty: the device's best
+    std::vector<std::string> colour_controls, depth_controls;  ///< NAME=VALUE
+    double stall_s = 2;
+    double give_up_s = 30;
+    /// The lens of a depth camera that does not register by itself; width 0: it does.
+    CameraModel depth;
+    std::optional<std::array<double, 7>> T_colour_depth;  ///< as CameraMount::T_base_camera
+  } device;
+  struct Record {
+    std::string colour = "jpeg";
+    int jpeg_quality = 95;
+    int buffer_frames = 8;
+  } record;
   struct Detector {
     std::string model = "auto";
     std::string sha256;
@@ -93,6 +108,9 @@ struct LoadedConfig {
 /// KEY=VALUE, then checks. A relative path inside a file is relative to that file. The error names file, key,
 /// value, what was expected and the unit.
 Result<LoadedConfig> load_config(std::span<const std::string> files, std::span<const std::string> overrides);
+
+/// The pose that seven numbers of a configuration stand for: x, y, z in m and the quaternion x, y, z, w.
+Pose pose_from(const std::array<double, 7>& numbers);
 
 /// Every key with its value, unit and origin, one line each, in a fixed order.
 std::string config_text(const LoadedConfig& loaded);

@@ -45,6 +45,12 @@ const char* to_string(EventCode code) {
       return "stage_late";
     case EventCode::StageInTime:
       return "stage_in_time";
+    case EventCode::SourceGone:
+      return "source_gone";
+    case EventCode::SourceStalled:
+      return "source_stalled";
+    case EventCode::SourceBack:
+      return "source_back";
   }
   return "?";
 }
@@ -67,6 +73,8 @@ const char* to_string(DropReason reason) {
       return "tracker_behind";
     case DropReason::TimeJump:
       return "time_jump";
+    case DropReason::DriverDropped:
+      return "driver_dropped";
   }
   return "?";
 }

@@ -25,6 +25,9 @@ enum class EventCode : std::uint8_t {
   QualityRaised,    ///< a = step of the shedding plan now
   StageLate,        ///< at work for longer than it may; a = ms
   StageInTime,      ///< again
+  SourceGone,       ///< the camera was unplugged; a = ms since its last frame
+  SourceStalled,    ///< the camera fell silent and is opened anew; a = ms since its last frame
+  SourceBack,       ///< the camera delivers again; a = tries that it took
 };
 const char* to_string(EventCode code);
 
@@ -38,8 +41,9 @@ enum class DropReason : std::uint8_t {
   NoFreeSlot,     ///< every pool frame was held
   TrackerBehind,  ///< the tracker skipped to a newer frame
   TimeJump,       ///< the stamp is not later than the one before
+  DriverDropped,  ///< the device or its driver lost it, as its sequence numbers show
 };
-constexpr int kDropReasonCount = 8;
+constexpr int kDropReasonCount = 9;
 const char* to_string(DropReason reason);
 
 /// A thing that happened on a hot stage, as plain numbers; the health thread makes the words.

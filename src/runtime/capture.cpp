@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/capture.h"
 
+#include <algorithm>
 #include <ctime>
 
 #include "runtime/heap_count.h"
@@ -78,7 +79,10 @@ Capture::Outcome Capture::fill_spare(Nanoseconds deadline_ns) {
   if (duration_s_ > 0 && to_seconds(slot.colour_ns - *first_stamp_ns_) > duration_s_) return Outcome::End;
   slot.sequence = next_sequence_++;
   slot.due_ns = monotonic_now();
+  if (stamps_are_monotonic_) slot.due_ns = std::min(slot.due_ns, slot.colour_ns);
   make_grey(slot.colour, slot.grey);
+  if (const DepthCheck::Verdict verdict = depth_check_.look(slot); verdict.fault != DepthFault::None)
+    counters_.depth_verdict.store(verdict, std::memory_order_relaxed);
   return Outcome::Frame;
 }
 

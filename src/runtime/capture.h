@@ -5,6 +5,7 @@
 
 #include "core/frame_pool.h"
 #include "drivers/rgbd_driver.h"
+#include "runtime/depth_check.h"
 #include "runtime/run_state.h"
 
 namespace stillmap {
@@ -17,13 +18,16 @@ namespace stillmap {
 class Capture {
  public:
   /// Frames later than `duration_s` after the first are not offered any more; 0: all are.
-  Capture(RgbdDriver& driver, FramePool& frames, RunCounters& counters, CaptureLog& log, double duration_s)
+  Capture(RgbdDriver& driver, const CameraModel& camera, FramePool& frames, RunCounters& counters,
+          CaptureLog& log, double duration_s)
       : driver_(driver),
         frames_(frames),
         counters_(counters),
         log_(log),
         is_log_(driver.describe().is_log),
+        stamps_are_monotonic_(driver.describe().monotonic_stamps),
         duration_s_(duration_s),
+        depth_check_(camera),
         spare_(frames.acquire()) {
     STILLMAP_CHECK(spare_);
   }
@@ -43,8 +47,9 @@ class Capture {
   FramePool& frames_;
   RunCounters& counters_;
   CaptureLog& log_;
-  bool is_log_;
+  bool is_log_, stamps_are_monotonic_;
   double duration_s_;
+  DepthCheck depth_check_;
   FrameHandle spare_;
   bool spare_is_filled_ = false;  // a log's frame that waits
   std::uint64_t next_sequence_ = 0;

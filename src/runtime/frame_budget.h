@@ -17,7 +17,7 @@ struct FrameBudget {
     const char* who = "";
     std::size_t frames = 0;
   };
-  std::array<Line, 6> lines;
+  std::array<Line, 7> lines;
   std::size_t sum() const {
     std::size_t total = 0;
     for (const Line& line : lines) total += line.frames;
@@ -28,13 +28,13 @@ struct FrameBudget {
 /// Who takes part in a run, and how many frames those hold that are not threads of the frame's way.
 struct FrameHolders {
   bool detector = false, log = false;
-  std::size_t preview = 0;
+  std::size_t preview = 0, recorder = 0;
   /// How many frames lockstep's detector is late; it keeps them, and little else is held then.
   std::size_t lockstep_delay = 0;
 };
 
 constexpr FrameBudget frame_budget(const FrameHolders& holders) {
-  const auto [detector, log, preview, lockstep_delay] = holders;
+  const auto [detector, log, preview, recorder, lockstep_delay] = holders;
   FrameBudget budget{{{
       {"capture", 2},  // the spare that is being filled, and one in hand
       {"read-ahead",
@@ -44,11 +44,12 @@ constexpr FrameBudget frame_budget(const FrameHolders& holders) {
       // Its ring and the frame at work; seen by the detector, and waiting for the pose
       {"map", kMapRing + 1 + (detector ? kDetectedRing + 1 : 0)},
       {"preview", preview},  // the newest picture for the stream's clients
+      {"recorder", recorder},
   }}};
   constexpr std::size_t kLockstepHolds = 4;  // the spare, one in hand, one at the tracker, one at the map
   std::size_t others = 0;
   for (const FrameBudget::Line& line : budget.lines) others += line.frames;
-  const std::size_t late = kLockstepHolds + preview + lockstep_delay;
+  const std::size_t late = kLockstepHolds + preview + recorder + lockstep_delay;
   if (late > others) budget.lines[3].frames += late - others;
   return budget;
 }

@@ -63,6 +63,9 @@ void Health::log_events() {
   for (EventRing& ring : context_.events) {
     while (auto event = ring.try_pop()) log(*event);
   }
+  if (context_.source_events != nullptr) {
+    while (auto event = context_.source_events->try_pop()) log(*event);
+  }
   if (context_.stages.stream) {
     while (auto event = context_.stages.stream->events().try_pop()) log(*event);
   }
@@ -109,6 +112,42 @@ std::string Health::late_stages() const {
   return names;
 }
 
+void Health::log_depth() {
+  const DepthCheck::Verdict v = context_.counters.depth_verdict.load(std::memory_order_relaxed);
+  if (v.fault == depth_fault_logged_) return;
+  depth_fault_logged_ = v.fault;
+  switch (v.fault) {
+    case DepthFault::None:
+      break;
+    case DepthFault::Empty:
+      warn(fmt::format("depth: {} % of the pixels have no reading; is the depth camera covered, or too near?",
+                   v.percent));
+      break;
+    case DepthFault::Scale:
+      warn(fmt::format(
+          "depth: {} % of the readings lie outside camera.depth_min_m to camera.depth_max_m; is "
+          "camera.depth_units_per_m = {} right?",
+          v.percent, context_.config.camera.depth_units_per_m));
+      break;
+    case DepthFault::Unregistered:
+      warn(fmt::format(
+          "depth: its edges lie {} px beside those of colour; is it registered? A depth camera that does "
+          "not do so by itself needs camera.depth in the profile",
+          v.shift_px));
+      break;
+  }
+}
+
+void Health::log_recorder() {
+  const RunCounters& c = context_.counters;
+  const std::uint64_t missing =
+      c.record_failed.load(std::memory_order_relaxed) + c.record_left_out.load(std::memory_order_relaxed);
+  if (missing == record_missing_logged_) return;
+  warn(fmt::format("{} frames are not in the recorded log ({} could not be written); is the disk full or slow?",
+               missing - record_missing_logged_, c.record_failed.load(std::memory_order_relaxed)));
+  record_missing_logged_ = missing;
+}
+
 void Health::log_drops() {
   for (std::size_t r = 0; r < drops_logged_.size(); ++r) {
     const std::uint64_t count = context_.counters.dropped[r].load(std::memory_order_relaxed);
@@ -126,12 +165,16 @@ void Health::tick() {
   checkpoint_.tick(monotonic_now());
   if (monotonic_now() - published_ns_ < 1'000'000'000) return;
   log_drops();
+  log_depth();
+  log_recorder();
   publish();
 }
 
 void Health::finish() {
   log_events();
   log_drops();
+  log_depth();
+  log_recorder();
 }
 
 void Health::publish() {

@@ -36,6 +36,8 @@ class Health {
   void watch_stages(Nanoseconds now);
   std::string late_stages() const;
   void log_drops();
+  void log_recorder();
+  void log_depth();
   void publish();
   RunContext& context_;
   WriteOnAbort on_abort_;
@@ -46,6 +48,8 @@ class Health {
   Nanoseconds published_ns_ = 0;
   std::uint64_t processed_before_ = 0, poses_before_ = 0, latency_before_us_ = 0;
   std::array<std::uint64_t, kDropReasonCount> drops_logged_{};
+  std::uint64_t record_missing_logged_ = 0;
+  DepthFault depth_fault_logged_ = DepthFault::None;
 };
 
 }  // namespace stillmap

@@ -39,8 +39,8 @@ class DelayedDetections {
 }  // namespace
 
 void run_lockstep(RunContext& context) {
-  Capture capture(context.driver, context.stages.frames, context.counters, context.capture_log,
-                  context.options.duration_s);
+  Capture capture(context.driver, context.config.camera, context.stages.frames, context.counters,
+                  context.capture_log, context.options.duration_s);
   Health health(context);
   const DetectorTiming& timing = context.options.detector;
   DelayedDetections delayed(timing.delay);
@@ -54,6 +54,7 @@ void run_lockstep(RunContext& context) {
       context.source_lost = outcome == Capture::Outcome::Lost;
       break;
     }
+    if (context.record != nullptr) context.record->offer_patiently(frame);
     if (context.detector != nullptr && n % static_cast<std::uint64_t>(timing.every) == 0) {
       DelayedDetections::Item& item = delayed.next();
       item.due_frame = n + static_cast<std::uint64_t>(timing.delay);

@@ -79,6 +79,15 @@ Json memory_part(const RunContext& context, const ReportFacts& facts) {
           {"pools", pools}};
 }
 
+Json record_part(const RunCounters& c) {
+  const std::uint64_t frames = c.recorded.load();
+  const double cpu_ms = to_ms(static_cast<Nanoseconds>(c.record_cpu_ns.load()));
+  return {{"frames", frames},
+          {"left_out", c.record_left_out.load()},
+          {"failed", c.record_failed.load()},
+          {"cpu_ms_per_frame", rounded(frames > 0 ? cpu_ms / static_cast<double>(frames) : 0, 3)}};
+}
+
 Json map_part(const RunContext& context) {
   const VoxelMap& map = context.stages.map.map();
   const FuseCounts& counts = context.stages.map.counts();
@@ -151,6 +160,7 @@ std::string make_report(const RunContext& context, const ReportFacts& facts) {
                         {"frames_with_fresh_boxes", boxes.fresh},
                         {"frames_with_carried_boxes", boxes.carried},
                         {"frames_without_boxes", boxes.none}};
+  if (context.record != nullptr) report["record"] = record_part(c);
   report["memory"] = memory_part(context, facts);
   report["shedding"] = {{"steps", c.quality_lowered.load()},
                         {"steps_back", c.quality_raised.load()},

@@ -162,13 +162,46 @@ Status run_outcome(const RunContext& context) {
   return {};
 }
 
-Status run(const RunOptions& options) {
+namespace {
+
+/// Without a source the first camera is taken, and without a profile its lens is guessed.
+Result<RunOptions> complete(RunOptions options) {
+  const bool camera = !options.source.starts_with("tum:");
+  if (options.source.empty()) {
+    const std::vector<FoundSource> found = find_sources();
+    const auto usable =
+        std::find_if(found.begin(), found.end(), [](const auto& f) { return !f.uri.empty(); });
+    if (usable == found.end()) {
+      return Error{
+          ExitCode::RunFailed,
+          "no camera found; plug one in (`stillmap doctor` looks for what is in its way), or play a log "
+          "with --source tum:DIR"};
+    }
+    options.source = usable->uri;
+    spdlog::info("source: {} ({})", usable->uri, usable->description);
+  }
+  if (camera && options.configs.empty()) {
+    const std::vector<std::string> nominal = nominal_profile(options.source);
+    options.overrides.insert(options.overrides.begin(), nominal.begin(), nominal.end());
+    spdlog::warn(
+        "no camera profile: a nominal lens is assumed, and the map's scale may be off by some percent; "
+        "give --config with a file of firmware-config/cameras, or calibrate");
+  }
+  return options;
+}
+
+}  // namespace
+
+Status run(const RunOptions& asked) {
   const Nanoseconds process_start_ns = monotonic_now();
   stop_requested.store(false);
   handle_signals();
   mallopt(M_ARENA_MAX, 2);  // else each thread that allocates gets an arena of its own, which never shrinks
   spdlog::set_default_logger(
       std::make_shared<spdlog::logger>("stillmap", std::make_shared<spdlog::sinks::stderr_sink_mt>()));
+  const Result<RunOptions> completed = complete(asked);
+  if (!completed.ok()) return completed.error();
+  const RunOptions& options = completed.value();
   const Result<LoadedConfig> loaded = load_config(options.configs, options.overrides);
   if (!loaded.ok()) return loaded.error();
   Config config = loaded.value().config;
@@ -204,6 +237,8 @@ Status run(const RunOptions& options) {
                             .stream = config.stream.listen != "off",
                             .log = is_log,
                             .lockstep_delay = mode == RunMode::Lockstep ? options.detector.delay : 0,
+                            .recorder_frames =
+                                options.record.empty() ? 0 : RecordLane::frames_held(config.record.buffer_frames),
                             .trajectory_poses = poses_to_keep(options, source.value().stamps.size())};
   Arena planning;
   plan_memory(planning, config, parts);
@@ -219,6 +254,21 @@ Status run(const RunOptions& options) {
 
   const auto context = std::make_unique<RunContext>(config, options, mode, *source.value().driver,
                                                     detector.get(), *stages, stop_requested);
+  context->source_events = source.value().events.get();
+  std::unique_ptr<Recorder> recorder;
+  std::unique_ptr<RecordLane> record;
+  if (!options.record.empty()) {
+    recorder =
+        std::make_unique<Recorder>(Recorder::Setup{.folder = options.record,
+                                                   .width = config.camera.width,
+                                                   .height = config.camera.height,
+                                                   .exact_colour = config.record.colour == "png",
+                                                   .jpeg_quality = config.record.jpeg_quality,
+                                                   .camera_profile = recorded_profile(loaded.value())});
+    if (Status s = recorder->open(); !s.ok()) return s;
+    record = std::make_unique<RecordLane>(*recorder, config.record.buffer_frames, context->counters);
+    context->record = record.get();
+  }
   if (Status s = source.value().driver->start(); !s.ok()) return s;
   if (config.memory.lock) {
     if (const std::string warning = lock_memory(); !warning.empty()) spdlog::warn("{}", warning);
@@ -242,6 +292,7 @@ Status run(const RunOptions& options) {
   facts.run_end_ns = monotonic_now();
   facts.cpu_s = process_cpu_s() - cpu_start_s;
   source.value().driver->stop();
+  if (record != nullptr) record->finish();
   if (stages->stream) stages->stream->stop();
 
   Status written = write_outputs(*context, facts, groundtruth, source.value().stamps);

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "core/config.h"
+#include "core/event.h"
 #include "core/status.h"
 #include "drivers/rgbd_driver.h"
 
@@ -13,10 +14,26 @@ namespace stillmap {
 
 struct OpenedSource {
   std::unique_ptr<RgbdDriver> driver;
-  std::vector<Nanoseconds> stamps;  ///< colour stamps of a log's first pass; empty for a camera
+  std::vector<Nanoseconds> stamps;    ///< colour stamps of a log's first pass; empty for a camera
+  std::unique_ptr<EventRing> events;  ///< what happens to a camera, told on capture's thread; null for a log
 };
 
-/// Opens what a source URI names: `tum:DIR`. A log is played `loops` times, forwards and backwards in turn.
+/// Opens what a source URI names: `tum:DIR`, `v4l2:COLOUR,DEPTH`, `openni2:[URI|FILE.oni]`. A camera that
+/// goes away is opened anew until camera.give_up_s has passed. A log in the TUM layout is played `loops` times,
+/// forwards and backwards in turn; what else was opened cannot be.
 Result<OpenedSource> open_source(const std::string& uri, const Config& config, int loops);
+
+/// What can be opened on this machine now.
+struct FoundSource {
+  std::string uri;          ///< for --source; empty for a device that needs a partner
+  std::string description;  ///< for people
+};
+std::vector<FoundSource> find_sources();
+
+/// The kinds of source that this program can open: "tum, v4l2, openni2".
+std::string source_kinds();
+
+/// A camera profile for a camera of which nothing is known, as --set overrides: nominal values.
+std::vector<std::string> nominal_profile(const std::string& uri);
 
 }  // namespace stillmap

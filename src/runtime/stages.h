@@ -23,12 +23,14 @@ struct Stages {
     bool detector = false, stream = false;
     bool log = true;         ///< the source is one, and is decoded ahead
     int lockstep_delay = 0;  ///< frames that lockstep keeps for a late detector
+    int recorder_frames = 0;
     std::size_t trajectory_poses = 0;
 
     FrameBudget frames() const {
       return frame_budget({.detector = detector,
                            .log = log,
                            .preview = stream ? std::size_t{StreamServer::kFramesHeld} : 0,
+                           .recorder = static_cast<std::size_t>(recorder_frames),
                            .lockstep_delay = static_cast<std::size_t>(lockstep_delay)});
     }
   };

@@ -59,8 +59,8 @@ bool push_waiting(Ring& ring, Item&& item, Waker& consumer, Waker& self, const s
 
 /// A log's frames, ahead of their time.
 void decode_thread(RunContext& context, Lanes& lanes) {
-  Capture capture(context.driver, context.stages.frames, context.counters, context.capture_log,
-                  context.options.duration_s);
+  Capture capture(context.driver, context.config.camera, context.stages.frames, context.counters,
+                  context.capture_log, context.options.duration_s);
   for (bool more = true; more && !context.stop.load(std::memory_order_relaxed);) {
     Lanes::FrameItem item;
     const std::uint32_t ticket = lanes.decode_waker.ticket();
@@ -100,7 +100,10 @@ bool next_decoded(RunContext& context, Lanes& lanes, FrameHandle& out) {
 /// Hands a frame to tracker and detector. False on a wish to stop.
 bool offer_frame(RunContext& context, Lanes& lanes, FrameHandle frame) {
   FrameHandle for_detector = frame.share();
-  if (context.mode == RunMode::Fast) {
+  const bool patient = context.mode == RunMode::Fast;
+  if (context.record != nullptr)
+    patient ? context.record->offer_patiently(frame) : context.record->offer(frame);
+  if (patient) {
     if (!push_waiting(lanes.to_track, Lanes::FrameItem{std::move(frame), false}, lanes.track_waker,
                       lanes.capture_waker, &context.stop)) {
       lanes.never_due.fetch_add(1, std::memory_order_relaxed);
@@ -145,8 +148,8 @@ void play_log(RunContext& context, Lanes& lanes) {
 }
 
 void play_camera(RunContext& context, Lanes& lanes) {
-  Capture capture(context.driver, context.stages.frames, context.counters, context.capture_log,
-                  context.options.duration_s);
+  Capture capture(context.driver, context.config.camera, context.stages.frames, context.counters,
+                  context.capture_log, context.options.duration_s);
   for (;;) {
     FrameHandle frame;
     {

@@ -29,8 +29,7 @@ PosePrior motion_prior(const Pose& T_odom_camera_predicted, double seconds) {
 
 Pose mount_of(const Config& config) {
   if (!config.mount.T_base_camera) return {};
-  const auto& m = *config.mount.T_base_camera;
-  return {rotation_from({m[6], m[3], m[4], m[5]}), {m[0], m[1], m[2]}};
+  return pose_from(*config.mount.T_base_camera);
 }
 
 }  // namespace

@@ -20,7 +20,7 @@ class Help(ProgramTest):
     def test_help_of_the_program_and_of_each_command(self):
         whole = stillmap("--help")
         self.assertEqual((whole.returncode, whole.stderr), (DONE, ""))
-        for command in ("run", "eval", "plan", "check", "map"):
+        for command in ("run", "eval", "plan", "check", "map", "devices", "doctor"):
             self.assertIn(command, whole.stdout)
             self.assertEqual(stillmap(command, "--help").returncode, DONE)
         options = stillmap("run", "--help").stdout
@@ -29,9 +29,55 @@ class Help(ProgramTest):
             self.assertIn(option, options)
 
 
+class Machine(ProgramTest):
+    """What the program says about cameras and the machine; in tests there is no camera."""
+
+    def fake_root(self):
+        for name, text in {"sys/devices/system/cpu/cpu0/cpufreq/scaling_governor": "powersave",
+                           "sys/bus/usb/devices/2-1/idVendor": "8086", "sys/bus/usb/devices/2-1/product": "Depth Camera 435",
+                           "sys/bus/usb/devices/2-1/speed": "480", "sys/bus/usb/devices/2-1/2-1:1.0/bInterfaceClass": "0e",
+                           "sys/bus/usb/devices/3-1/idVendor": "046d", "sys/bus/usb/devices/3-1/bInterfaceClass": "03",
+                           "dev/video0": ""}.items():
+            path = self.path / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text + "\n")
+        return self.path
+
+    def test_doctor_gives_each_finding_with_its_mend(self):
+        result = stillmap("doctor", "--root", self.fake_root())
+        self.assertEqual((result.returncode, result.stderr), (DONE, ""))
+        lines = result.stdout.splitlines()
+        for line, following in zip(lines, lines[1:] + [""]):
+            self.assertEqual(line.startswith("BAD"), following.startswith("     mend: "), result.stdout)
+        self.assertRegex(result.stdout, r"(?m)^(ok  |BAD ) core speed: \d+ million")
+        self.assertIn("BAD  frequency governor: powersave", lines)
+        self.assertIn("BAD  USB camera Depth Camera 435 at 480 Mbit/s", lines)
+        self.assertNotIn("046d", result.stdout)
+        self.assertTrue(any(line.endswith("/dev/video0 can be opened") for line in lines), result.stdout)
+        for limit in ("real-time priority", "locked memory"):
+            self.assertIn(limit, result.stdout)
+
+    def test_devices_lists_sources_or_says_that_there_is_none(self):
+        result = stillmap("devices")
+        self.assertEqual(result.returncode, DONE)
+        self.assertNotEqual(bool(result.stdout), "no camera found" in result.stderr)
+
+    @unittest.skipIf(stillmap("devices").stdout, "this machine has a camera")
+    def test_run_without_a_source_and_without_a_camera(self):
+        self.assert_error(stillmap("run"), RUN_FAILED, "no camera found", "stillmap doctor", "--source tum:DIR", lines=1)
+
+    def test_sources_that_cannot_be(self):
+        for source, *words in (("v4l2:/dev/video0", "expected v4l2:COLOUR,DEPTH"), ("v4l2:,", "expected v4l2:COLOUR,DEPTH"),
+                               ("webcam:0", "expected tum:DIR"), ("webcam", "expected tum:DIR")):
+            with self.subTest(source=source):
+                self.assert_error(stillmap("run", *CAMERA, *NO_DETECTOR, *QUIET, "--source", source), WRONG_CONFIG, source, *words, lines=1)
+        self.assert_error(stillmap("run", *CAMERA, *NO_DETECTOR, *QUIET, "--source", "v4l2:/dev/null,/dev/null"), RUN_FAILED,
+                          "/dev/null: is no video node", lines=1)
+
+
 class Arguments(ProgramTest):
     def test_wrong_arguments(self):
-        for args in ([], ["fly"], ["run", "--fly"], ["run"], run_args("--mode", "slow"), run_args("--detector-delay", "-1"),
+        for args in ([], ["fly"], ["run", "--fly"], run_args("--mode", "slow"), run_args("--detector-delay", "-1"),
                      run_args("--detector-every", "0"), run_args("--duration", "-1"), run_args("--loop", "0"), ["eval"], ["check", "stray"]):
             with self.subTest(args=args):
                 self.assert_error(stillmap(*args), WRONG_CONFIG, "--help", lines=1)
@@ -55,7 +101,7 @@ class Arguments(ProgramTest):
                     self.assert_error(stillmap(*command, *args), WRONG_CONFIG, *words, lines=1)
 
     def test_sources_that_cannot_be(self):
-        for source in ("nothing", "ftp:x", ""):
+        for source in ("nothing", "ftp:x"):
             with self.subTest(source=source):
                 result = stillmap("run", *CAMERA, *NO_DETECTOR, *QUIET, "--source", source)
                 self.assert_error(result, WRONG_CONFIG, "tum:DIR", lines=1)
@@ -184,7 +230,7 @@ class Check(ProgramTest):
             match = re.fullmatch(r"(\S+) = (.*)  # .*; from (.*)", line)
             self.assertTrue(match, line)
             found[match[1]] = (match[2], match[3])
-        described = set(re.findall(r'^ +\{"([a-z_]+\.[A-Za-z0-9_]+)", &c\.', (SOURCE / "src/core/config.cpp").read_text(), re.M))
+        described = set(re.findall(r'^ +\{"([a-z_]+\.[A-Za-z0-9_.]+)", &c\.', (SOURCE / "src/core/config.cpp").read_text(), re.M))
         self.assertGreater(len(described), 40)
         self.assertEqual(set(found), described)
         self.assertEqual(found["track.features"], ("800", str(own)))

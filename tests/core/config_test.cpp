@@ -151,6 +151,40 @@ TEST_F(ConfigFiles, ValuesThatDoNotGoTogetherAreRefused) {
   EXPECT_THAT(error({}, {"camera.T_base_camera=[0, 0, 0, 0, 0, 1]"}), HasSubstr("unit quaternion"));
 }
 
+TEST_F(ConfigFiles, ALensThatFoldsThePictureIsRefused) {
+  EXPECT_THAT(error({}, {"camera.k1=-2"}),
+              AllOf(HasSubstr("camera.k1, k2, p1, p2, k3 fold the picture"), HasSubstr("calibrate again")));
+  EXPECT_THAT(error({}, {"camera.k3=-9", "camera.k2=0"}), HasSubstr("fold the picture"));
+  EXPECT_THAT(error({}, {"camera.p1=0.9"}), HasSubstr("fold the picture"));
+  EXPECT_EQ(config({}, {"camera.k1=-0.3", "camera.k2=0.1", "camera.k3=0"}).camera.k1, -0.3);
+}
+
+TEST_F(ConfigFiles, ADepthCameraOfItsOwnIsDescribedWholly) {
+  const std::vector<std::string> whole{"camera.depth.width=320",
+                                       "camera.depth.height=240",
+                                       "camera.depth.fx=290",
+                                       "camera.depth.fy=290",
+                                       "camera.depth.cx=160",
+                                       "camera.depth.cy=120",
+                                       "camera.depth.T_colour_depth=[0.025, 0, 0, 0, 0, 0, 1]"};
+  const Config c = config({}, whole);
+  EXPECT_EQ(c.device.depth.width, 320);
+  EXPECT_DOUBLE_EQ(pose_from(*c.device.T_colour_depth).t.x, 0.025);
+  for (std::size_t left_out = 1; left_out < whole.size(); ++left_out) {
+    std::vector<std::string> rest = whole;
+    rest.erase(rest.begin() + static_cast<std::ptrdiff_t>(left_out));
+    EXPECT_THAT(error({}, rest), HasSubstr("asks for registration, which needs")) << whole[left_out];
+  }
+  std::vector<std::string> folded = whole;
+  folded.emplace_back("camera.depth.k1=-3");
+  EXPECT_THAT(error({}, folded), HasSubstr("camera.depth.k1, k2, p1, p2, k3 fold"));
+}
+
+TEST_F(ConfigFiles, RecordedColourIsJpegOrPng) {
+  EXPECT_EQ(config({}, {"record.colour=png"}).record.colour, "png");
+  EXPECT_THAT(error({}, {"record.colour=webp"}), HasSubstr("\"jpeg\" or \"png\""));
+}
+
 TEST_F(ConfigFiles, TheBuiltInClassesAreCocosAndSorted) {
   const Config c = config({});
   EXPECT_EQ(c.classes.names.size(), 80u);
@@ -169,7 +203,7 @@ TEST(ShippedConfigs, EveryCameraFileLoadsAlone) {
     EXPECT_TRUE(loaded.ok()) << loaded.error().message;
     ++files;
   }
-  EXPECT_GE(files, 3);
+  EXPECT_GE(files, 9);
 }
 
 TEST(ShippedConfigs, EveryClassFileLoadsWithACamera) {

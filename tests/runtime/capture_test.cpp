@@ -25,7 +25,7 @@ struct Bench {
                [](int picture, FrameSlot& slot) {
                  slot.colour.at(0, 0) = {static_cast<std::uint8_t>(picture), 0, 0};
                }),
-        capture(driver, pool, counters, log, duration_s) {}
+        capture(driver, CameraModel{}, pool, counters, log, duration_s) {}
   Capture::Outcome next(FrameHandle& out) { return capture.next(out, monotonic_now()); }
   std::uint64_t dropped(DropReason reason) const {
     return counters.dropped[static_cast<std::size_t>(reason)].load();

@@ -19,6 +19,7 @@ class SetupTest(unittest.TestCase):
             (self.path / tool).symlink_to(f"/usr/bin/{tool}")
         (self.path / "release").write_text("ID=debian\nVERSION_CODENAME=bookworm\n")
         self.command("id", "echo 0")
+        self.command("uname", "echo x86_64")
         self.installed()
         self.command("apt-get", f'echo "$*" >> {self.path}/asked')
 
@@ -66,6 +67,13 @@ class SetupTest(unittest.TestCase):
             self.command(tool, "")
         self.assertEqual(self.setup("--tests").returncode, 0)
         self.assertTrue(self.asked()[1].endswith("recommends shellcheck"), self.asked())
+
+    def test_virtual_machine_is_the_machines_own_kind(self):
+        self.installed("qemu-system-x86", "qemu-system-arm")
+        for machine, asked in (("x86_64", "qemu-system-x86"), ("aarch64", "qemu-system-arm")):
+            self.command("uname", f"echo {machine}")
+            self.assertEqual(self.setup("--tests").returncode, 0)
+            self.assertTrue(self.asked()[-1].endswith(f"recommends {asked}"), self.asked())
 
     def test_sudo_where_not_root(self):
         self.installed("cmake")

@@ -4,7 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "tests/drivers/tum_log/picture_files.h"
+#include "tests/drivers/pictures/picture_files.h"
 
 namespace stillmap {
 namespace {

@@ -8,8 +8,8 @@
 #include <cstdlib>
 #include <fstream>
 
-#include "tests/drivers/tum_log/heap_calls.h"
-#include "tests/drivers/tum_log/picture_files.h"
+#include "tests/drivers/pictures/heap_calls.h"
+#include "tests/drivers/pictures/picture_files.h"
 #include "tests/support/shared_folder.h"
 
 namespace stillmap {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tests/drivers/tum_log/heap_calls.h"
+#include "tests/drivers/pictures/heap_calls.h"
 
 #include <cstddef>
 

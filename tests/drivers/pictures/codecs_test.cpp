@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "drivers/tum_log/decode.h"
+#include "drivers/pictures/codecs.h"
 
 #include <gtest/gtest.h>
 
-#include "tests/drivers/tum_log/picture_files.h"
+#include "tests/drivers/pictures/picture_files.h"
 
 namespace stillmap {
 namespace {

@@ -4,9 +4,11 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
+#include <utility>
+#include <vector>
 
-#include "drivers/tum_log/decode.h"
-#include "drivers/tum_log/scratch.h"
+#include "drivers/pictures/codecs.h"
+#include "drivers/pictures/scratch.h"
 
 namespace stillmap {
 
@@ -138,6 +140,87 @@ DecodeStatus PngDecoder::decode_depth(std::span<const std::byte> file, ImageView
   }
   if (!same_size(context.header(), into)) return DecodeStatus::WrongSize;
   return context.decode(into, SPNG_FMT_PNG);
+}
+
+struct PngEncoder::Impl {
+  Impl(int width, int height)
+      : max_width(width),
+        max_height(height),
+        row(static_cast<std::size_t>(width)),
+        // Incompressible colour, with a filter byte a row and deflate's own headers.
+        file(static_cast<std::size_t>(width + 1) * static_cast<std::size_t>(height) * 3 + (1 << 16)) {}
+
+  template <class T, class GetRow>
+  std::span<const std::byte> encode(const ImageView<const T>& picture, const spng_ihdr& header,
+                                    GetRow get_row) {
+    if (picture.width > max_width || picture.height > max_height) return {};
+    scratch.clear_front();
+    t_scratch = &scratch;
+    filled = 0;
+    spng_alloc alloc{take, take_again, take_zeroed, give_back};
+    spng_ctx* context = spng_ctx_new2(&alloc, SPNG_CTX_ENCODER);
+    bool good = context != nullptr;
+    if (good) {
+      spng_ihdr ihdr = header;
+      ihdr.width = static_cast<std::uint32_t>(picture.width);
+      ihdr.height = static_cast<std::uint32_t>(picture.height);
+      good = spng_set_option(context, SPNG_IMG_COMPRESSION_LEVEL, 1) == 0 &&
+             spng_set_option(context, SPNG_FILTER_CHOICE, SPNG_FILTER_CHOICE_SUB) == 0 &&
+             spng_set_png_stream(context, append, this) == 0 && spng_set_ihdr(context, &ihdr) == 0 &&
+             spng_encode_image(context, nullptr, 0, SPNG_FMT_PNG,
+                               SPNG_ENCODE_PROGRESSIVE | SPNG_ENCODE_FINALIZE) == 0;
+      int error = 0;
+      for (int y = 0; good && y < picture.height; ++y) {
+        const auto [pixels, bytes] = get_row(y);
+        error = spng_encode_row(context, pixels, bytes);
+        good = error == 0 || error == SPNG_EOI;
+      }
+      good = good && error == SPNG_EOI;
+      spng_ctx_free(context);
+    }
+    t_scratch = nullptr;
+    return good ? std::span<const std::byte>{file.data(), filled} : std::span<const std::byte>{};
+  }
+
+  static int append(spng_ctx*, void* user, void* from, std::size_t bytes) {
+    auto* self = static_cast<Impl*>(user);
+    if (bytes > self->file.size() - self->filled) return SPNG_IO_ERROR;
+    std::memcpy(self->file.data() + self->filled, from, bytes);
+    self->filled += bytes;
+    return 0;
+  }
+
+  int max_width, max_height;
+  Scratch scratch{kScratchBytes};
+  std::vector<Bgr> row;  // in PNG's order
+  std::vector<std::byte> file;
+  std::size_t filled = 0;
+};
+
+PngEncoder::PngEncoder(int width, int height) : impl_(std::make_unique<Impl>(width, height)) {}
+PngEncoder::~PngEncoder() = default;
+
+std::span<const std::byte> PngEncoder::encode_colour(ImageView<const Bgr> picture) {
+  spng_ihdr header{};
+  header.bit_depth = 8;
+  header.color_type = SPNG_COLOR_TYPE_TRUECOLOR;
+  return impl_->encode(picture, header, [&](int y) {
+    const Bgr* from = picture.row(y);
+    for (int x = 0; x < picture.width; ++x)
+      impl_->row[static_cast<std::size_t>(x)] = {from[x].r, from[x].g, from[x].b};
+    return std::pair<const void*, std::size_t>(impl_->row.data(),
+                                               static_cast<std::size_t>(picture.width) * sizeof(Bgr));
+  });
+}
+
+std::span<const std::byte> PngEncoder::encode_depth(ImageView<const std::uint16_t> picture) {
+  spng_ihdr header{};
+  header.bit_depth = 16;
+  header.color_type = SPNG_COLOR_TYPE_GRAYSCALE;
+  return impl_->encode(picture, header, [&](int y) {
+    return std::pair<const void*, std::size_t>(
+        picture.row(y), static_cast<std::size_t>(picture.width) * sizeof(std::uint16_t));
+  });
 }
 
 }  // namespace stillmap

@@ -3,6 +3,7 @@
 #include <csetjmp>
 #include <cstdio>
 #include <cstring>
+#include <vector>
 
 // jpeglib.h uses names of stdio.h without including it, and jerror.h those of jpeglib.h.
 // clang-format off
@@ -10,8 +11,8 @@
 #include <jerror.h>
 // clang-format on
 
-#include "drivers/tum_log/decode.h"
-#include "drivers/tum_log/scratch.h"
+#include "drivers/pictures/codecs.h"
+#include "drivers/pictures/scratch.h"
 
 // libjpeg ends an error by a longjmp, which must not pass an object with a destructor: in this file the
 // functions between setjmp and the library hold plain values only.
@@ -95,10 +96,19 @@ ScratchMemory::ScratchMemory(std::size_t bytes) : jpeg_memory_mgr{}, scratch(byt
 
 struct ErrorManager : jpeg_error_mgr {
   std::jmp_buf jump;
+  /// Errors jump, and nothing is printed.
+  jpeg_error_mgr* quiet();
 };
 
 [[noreturn]] void leave(j_common_ptr info) {
   std::longjmp(static_cast<ErrorManager*>(info->err)->jump, 1);
+}
+
+jpeg_error_mgr* ErrorManager::quiet() {
+  jpeg_std_error(this);
+  error_exit = leave;
+  output_message = [](j_common_ptr) {};
+  return this;
 }
 
 /// Coefficients of three full planes (a progressive picture), padded to whole 16-pixel units, and the tables.
@@ -130,11 +140,14 @@ DecodeStatus decode(jpeg_decompress_struct& info, std::span<const std::byte> fil
 }  // namespace
 
 struct JpegDecoder::Impl {
-  Impl(int width, int height) : memory(scratch_bytes(width, height)) {
-    info.err = jpeg_std_error(&error);
-    error.error_exit = leave;
+  Impl(int width, int height, Source source) : memory(scratch_bytes(width, height)) {
+    info.err = error.quiet();
     error.emit_message = [](j_common_ptr i, int level) { i->err->num_warnings += level < 0 ? 1 : 0; };
-    error.output_message = [](j_common_ptr) {};
+    if (source == Source::Camera) {
+      error.emit_message = [](j_common_ptr i, int level) {
+        i->err->num_warnings += level < 0 && i->err->msg_code != JWRN_EXTRANEOUS_DATA ? 1 : 0;
+      };
+    }
     jpeg_create_decompress(&info);
     own_memory = info.mem;
     info.mem = &memory;
@@ -152,7 +165,8 @@ struct JpegDecoder::Impl {
   jpeg_memory_mgr* own_memory = nullptr;
 };
 
-JpegDecoder::JpegDecoder(int width, int height) : impl_(std::make_unique<Impl>(width, height)) {}
+JpegDecoder::JpegDecoder(int width, int height, Source source)
+    : impl_(std::make_unique<Impl>(width, height, source)) {}
 JpegDecoder::~JpegDecoder() = default;
 
 DecodeStatus JpegDecoder::decode_colour(std::span<const std::byte> file, ImageView<Bgr> into) {
@@ -163,6 +177,70 @@ DecodeStatus JpegDecoder::decode_colour(std::span<const std::byte> file, ImageVi
   const DecodeStatus status = decode(impl_->info, file, into);
   if (status != DecodeStatus::Ok) jpeg_abort_decompress(&impl_->info);
   return status;
+}
+
+struct JpegEncoder::Impl {
+  Impl(int width, int height, int quality)
+      : memory(scratch_bytes(width, height)),
+        file(static_cast<std::size_t>(width) * static_cast<std::size_t>(height) * 3 + (1 << 16)) {
+    info.err = error.quiet();
+    jpeg_create_compress(&info);
+    own_memory = info.mem;
+    info.mem = &memory;
+    info.image_width = static_cast<JDIMENSION>(width);
+    info.image_height = static_cast<JDIMENSION>(height);
+    info.input_components = 3;
+    info.in_color_space = JCS_EXT_BGR;
+    jpeg_set_defaults(&info);
+    jpeg_set_quality(&info, quality, TRUE);
+    destination.init_destination = [](j_compress_ptr) {};
+    destination.empty_output_buffer = [](j_compress_ptr i) -> boolean {
+      ERREXIT(i, JERR_BUFFER_SIZE);
+      return FALSE;
+    };
+    destination.term_destination = [](j_compress_ptr) {};
+    info.dest = &destination;
+  }
+  ~Impl() {
+    info.mem = own_memory;
+    jpeg_destroy_compress(&info);
+  }
+  Impl(const Impl&) = delete;
+  Impl& operator=(const Impl&) = delete;
+
+  ScratchMemory memory;
+  std::vector<std::byte> file;
+  ErrorManager error{};
+  jpeg_compress_struct info{};
+  jpeg_destination_mgr destination{};
+  jpeg_memory_mgr* own_memory = nullptr;
+};
+
+JpegEncoder::JpegEncoder(int width, int height, int quality)
+    : impl_(std::make_unique<Impl>(width, height, quality)) {}
+JpegEncoder::~JpegEncoder() = default;
+
+std::span<const std::byte> JpegEncoder::encode_colour(ImageView<const Bgr> picture) {
+  jpeg_compress_struct& info = impl_->info;
+  if (picture.width != static_cast<int>(info.image_width) ||
+      picture.height != static_cast<int>(info.image_height)) {
+    return {};
+  }
+  if (setjmp(impl_->error.jump) != 0) {
+    jpeg_abort_compress(&info);
+    return {};
+  }
+  impl_->destination.next_output_byte = reinterpret_cast<JOCTET*>(impl_->file.data());
+  impl_->destination.free_in_buffer = impl_->file.size();
+  jpeg_start_compress(&info, TRUE);
+  while (info.next_scanline < info.image_height) {
+    // The library only reads; its interface is older than const.
+    auto* row =
+        reinterpret_cast<JSAMPROW>(const_cast<Bgr*>(picture.row(static_cast<int>(info.next_scanline))));
+    jpeg_write_scanlines(&info, &row, 1);
+  }
+  jpeg_finish_compress(&info);
+  return {impl_->file.data(), impl_->file.size() - impl_->destination.free_in_buffer};
 }
 
 }  // namespace stillmap

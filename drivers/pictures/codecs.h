@@ -38,9 +38,40 @@ class PngDecoder {
 /// thread.
 class JpegDecoder {
  public:
-  JpegDecoder(int width, int height);
+  /// Many cameras pad a picture with bytes that mean nothing; in a file those are damage.
+  enum class Source : std::uint8_t { File, Camera };
+  JpegDecoder(int width, int height, Source source = Source::File);
   ~JpegDecoder();
   DecodeStatus decode_colour(std::span<const std::byte> file, ImageView<Bgr> into);
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+/// Encodes PNG files into a buffer of its own, at the fastest level: pixels stay exact. All memory is made
+/// here, at construction, for pictures of the given size. One thread.
+class PngEncoder {
+ public:
+  PngEncoder(int width, int height);
+  ~PngEncoder();
+  /// The file, valid until the next call; empty where the picture is larger than the encoder was made for.
+  std::span<const std::byte> encode_colour(ImageView<const Bgr> picture);
+  /// 16-bit grey.
+  std::span<const std::byte> encode_depth(ImageView<const std::uint16_t> picture);
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+/// Encodes baseline JPEG files into a buffer of its own; otherwise as PngEncoder.
+class JpegEncoder {
+ public:
+  /// `quality` from 1 to 100.
+  JpegEncoder(int width, int height, int quality);
+  ~JpegEncoder();
+  std::span<const std::byte> encode_colour(ImageView<const Bgr> picture);
 
  private:
   struct Impl;

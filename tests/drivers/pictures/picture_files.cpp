@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tests/drivers/tum_log/picture_files.h"
+#include "tests/drivers/pictures/picture_files.h"
 
 #include <spng.h>
 

@@ -1,0 +1,285 @@
+// SPDX-License-Identifier: Apache-2.0
+// The module libstillmap_driver_openni2.so: cameras and recordings that OpenNI2 opens.
+#include <OpenNI.h>
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <optional>
+#include <utility>
+
+#include "drivers/camera_module.h"
+
+namespace stillmap {
+
+namespace {
+
+constexpr Nanoseconds kMicrosecond = 1000, kMillisecond = 1'000'000;
+
+/// The library is begun with the first use and stays until the process ends.
+bool library_is_ready() {
+  static const bool ready = openni::OpenNI::initialize() == openni::STATUS_OK;
+  return ready;
+}
+
+std::string library_words() {
+  std::string words = openni::OpenNI::getExtendedError();
+  std::replace(words.begin(), words.end(), '\n', ' ');
+  while (!words.empty() && words.back() == ' ') words.pop_back();
+  return words.empty() ? "no reason given" : words;
+}
+
+struct KnownFormat {
+  openni::PixelFormat theirs;
+  PixelFormat ours;
+};
+constexpr KnownFormat kColours[]{{openni::PIXEL_FORMAT_RGB888, PixelFormat::Rgb},
+                                 {openni::PIXEL_FORMAT_YUYV, PixelFormat::Yuyv},
+                                 {openni::PIXEL_FORMAT_GRAY8, PixelFormat::Grey}};
+/// Depth comes in millimetres or in tenths of one.
+constexpr KnownFormat kMillimetres[]{{openni::PIXEL_FORMAT_DEPTH_1_MM, PixelFormat::Depth16}};
+constexpr KnownFormat kTenths[]{{openni::PIXEL_FORMAT_DEPTH_100_UM, PixelFormat::Depth16}};
+
+std::span<const KnownFormat> formats_of(const CameraRequest& request, bool depth) {
+  if (!depth) return kColours;
+  if (request.depth_units_per_m == 1000) return kMillimetres;
+  if (request.depth_units_per_m == 10000) return kTenths;
+  return {};
+}
+
+/// One device, shared by its two streams.
+class Camera : public openni::OpenNI::DeviceDisconnectedListener {
+ public:
+  explicit Camera(CameraRequest request) : request_(std::move(request)) {}
+  ~Camera() override {
+    openni::OpenNI::removeDeviceDisconnectedListener(this);
+    device_.close();
+  }
+  Camera(const Camera&) = delete;
+  Camera& operator=(const Camera&) = delete;
+
+  Status open() {
+    if (device_.isValid()) return {};
+    if (!library_is_ready()) return refused("OpenNI2 cannot be used (" + library_words() + ")");
+    const char* uri = request_.device.empty() ? openni::ANY_DEVICE : request_.device.c_str();
+    if (device_.open(uri) != openni::STATUS_OK) {
+      return refused("cannot be opened (" + library_words() +
+                     "); `stillmap devices` lists what is there, and another program may be using it");
+    }
+    uri_ = device_.getDeviceInfo().getUri();
+    openni::OpenNI::addDeviceDisconnectedListener(this);
+    return {};
+  }
+
+  /// Once both streams are open: the device registers depth to colour, and says so when asked; or, where the
+  /// profile describes the depth camera, it does not.
+  Status set_registration() {
+    if (is_file()) return {};
+    const auto wanted =
+        request_.register_depth ? openni::IMAGE_REGISTRATION_DEPTH_TO_COLOR : openni::IMAGE_REGISTRATION_OFF;
+    const bool set = device_.isImageRegistrationModeSupported(wanted) &&
+                     device_.setImageRegistrationMode(wanted) == openni::STATUS_OK &&
+                     device_.getImageRegistrationMode() == wanted;
+    if (set || !request_.register_depth) return {};
+    return refused(
+        "does not register depth to colour by itself; describe its depth camera in the profile "
+        "(camera.depth.width, height, fx, fy, cx, cy, T_colour_depth), and it is done here");
+  }
+  /// Not every device can; unsynchronised pictures are paired by their stamps all the same.
+  void set_sync() {
+    if (!is_file()) device_.setDepthColorSyncEnabled(true);
+  }
+
+  void onDeviceDisconnected(const openni::DeviceInfo* info) override {
+    if (uri_ == info->getUri()) gone_.store(true, std::memory_order_release);
+  }
+  bool gone() const { return gone_.load(std::memory_order_acquire); }
+  bool is_file() const { return device_.isFile(); }
+  openni::Device& device() { return device_; }
+  const CameraRequest& request() const { return request_; }
+  std::string name() const { return "openni2:" + request_.device; }
+  Error refused(const std::string& what, ExitCode code = ExitCode::RunFailed) const {
+    return {code, name() + ": " + what};
+  }
+
+  /// A device's clock begins anew with each plugging in: its stamps are moved to the monotonic clock by the
+  /// first picture's arrival, alike for both streams. A recording's stay as they are.
+  Nanoseconds stamp(std::uint64_t device_us) {
+    const Nanoseconds device_ns = static_cast<Nanoseconds>(device_us) * kMicrosecond;
+    if (is_file()) return device_ns;
+    if (!clock_offset_ns_) clock_offset_ns_ = monotonic_now() - device_ns;
+    return device_ns + *clock_offset_ns_;
+  }
+
+ private:
+  CameraRequest request_;
+  openni::Device device_;
+  std::string uri_;
+  std::atomic<bool> gone_{false};
+  std::optional<Nanoseconds> clock_offset_ns_;
+};
+
+class Openni2Stream : public PictureStream {
+ public:
+  Openni2Stream(std::shared_ptr<Camera> camera, bool depth) : camera_(std::move(camera)), depth_(depth) {}
+  ~Openni2Stream() override {
+    frame_.release();
+    stream_.destroy();
+  }
+
+  Status open() override {
+    if (Status s = camera_->open(); !s.ok()) return s;
+    if (stream_.create(camera_->device(), sensor()) != openni::STATUS_OK)
+      return camera_->refused("has no " + kind() + " (" + library_words() + ")");
+    if (Status s = camera_->is_file() ? take_recorded_mode() : set_mode(); !s.ok()) return s;
+    if (camera_->is_file()) {
+      recorded_ = camera_->device().getPlaybackControl()->getNumberOfFrames(stream_);
+    } else {
+      stream_.setMirroringEnabled(false);
+    }
+    // Depth is opened second.
+    return depth_ ? camera_->set_registration() : Status{};
+  }
+
+  StreamInfo describe() const override { return info_; }
+
+  Status start() override {
+    if (openni::PlaybackControl* playback = camera_->device().getPlaybackControl();
+        camera_->is_file() && playback != nullptr) {
+      playback->setRepeatEnabled(false);
+      playback->setSpeed(-1);  // each picture waits to be read; at any other speed some are left out
+    }
+    if (stream_.start() != openni::STATUS_OK)
+      return camera_->refused("cannot stream " + kind() + " (" + library_words() + ")");
+    // Colour is started second, and both must run for that.
+    if (!depth_) camera_->set_sync();
+    return {};
+  }
+
+  PeekStatus peek(HeldPicture& out, Nanoseconds deadline_ns) override {
+    if (!frame_.isValid()) {
+      if (camera_->gone()) return PeekStatus::Lost;
+      if (camera_->is_file() && last_index_ >= recorded_) return PeekStatus::EndOfStream;
+      const Nanoseconds left_ns = std::max<Nanoseconds>(0, deadline_ns - monotonic_now());
+      openni::VideoStream* stream = &stream_;
+      int ready = 0;
+      const openni::Status waited = openni::OpenNI::waitForAnyStream(
+          &stream, 1, &ready, static_cast<int>((left_ns + kMillisecond - 1) / kMillisecond));
+      if (camera_->gone()) return PeekStatus::Lost;
+      if (waited == openni::STATUS_TIME_OUT) return PeekStatus::Timeout;
+      if (waited != openni::STATUS_OK || stream_.readFrame(&frame_) != openni::STATUS_OK)
+        return PeekStatus::Lost;
+      const int step = frame_.getFrameIndex() - last_index_;
+      held_.missed = last_index_ > 0 && step > 1 ? static_cast<std::uint32_t>(step - 1) : 0;
+      last_index_ = frame_.getFrameIndex();
+      held_.stamp_ns = camera_->stamp(frame_.getTimestamp());
+      held_.picture = {
+          info_.format,
+          frame_.getWidth(),
+          frame_.getHeight(),
+          {{{static_cast<const std::byte*>(frame_.getData()), static_cast<std::size_t>(frame_.getDataSize()),
+             static_cast<std::size_t>(frame_.getStrideInBytes())}}}};
+    }
+    out = held_;
+    return PeekStatus::Picture;
+  }
+
+  void release() override { frame_.release(); }
+
+  void stop() override {
+    frame_.release();
+    stream_.stop();
+  }
+
+ private:
+  openni::SensorType sensor() const { return depth_ ? openni::SENSOR_DEPTH : openni::SENSOR_COLOR; }
+  std::string kind() const { return depth_ ? "depth" : "colour"; }
+
+  void take_mode(const openni::VideoMode& mode, PixelFormat format) {
+    info_ = {.name = camera_->name(),
+             .format = format,
+             .width = mode.getResolutionX(),
+             .height = mode.getResolutionY(),
+             .fps = static_cast<double>(mode.getFps()),
+             .is_log = camera_->is_file()};
+  }
+
+  Status wrong_format(const std::string& what) const {
+    const CameraRequest& r = camera_->request();
+    return camera_->refused("has no " + kind() + " of " + std::to_string(r.width) + "x" +
+                                std::to_string(r.height) + " px at " + std::to_string(std::lround(r.fps)) +
+                                " Hz" + what +
+                                "; change camera.width, camera.height and camera.fps, and let "
+                                "camera.depth_units_per_m be 1000 or 10000",
+                            ExitCode::WrongConfig);
+  }
+
+  Status take_recorded_mode() {
+    const openni::VideoMode mode = stream_.getVideoMode();
+    for (const KnownFormat& format : formats_of(camera_->request(), depth_)) {
+      if (mode.getPixelFormat() != format.theirs) continue;
+      take_mode(mode, format.ours);
+      return {};
+    }
+    return wrong_format(" in a format that can be read");
+  }
+
+  Status set_mode() {
+    const CameraRequest& r = camera_->request();
+    const openni::Array<openni::VideoMode>& modes = stream_.getSensorInfo().getSupportedVideoModes();
+    std::string sizes;
+    for (const KnownFormat& format : formats_of(r, depth_)) {
+      for (int i = 0; i < modes.getSize(); ++i) {
+        const openni::VideoMode& mode = modes[i];
+        if (mode.getPixelFormat() != format.theirs) continue;
+        if (mode.getResolutionX() != r.width || mode.getResolutionY() != r.height ||
+            mode.getFps() != std::lround(r.fps)) {
+          sizes.append(" ").append(std::to_string(mode.getResolutionX())).append("x");
+          sizes.append(std::to_string(mode.getResolutionY()))
+              .append("@")
+              .append(std::to_string(mode.getFps()));
+          continue;
+        }
+        if (stream_.setVideoMode(mode) != openni::STATUS_OK) continue;
+        take_mode(mode, format.ours);
+        return {};
+      }
+    }
+    return wrong_format(sizes.empty() ? "" : " (it has:" + sizes + ")");
+  }
+
+  std::shared_ptr<Camera> camera_;
+  bool depth_;
+  openni::VideoStream stream_;
+  openni::VideoFrameRef frame_;
+  StreamInfo info_;
+  HeldPicture held_;
+  int last_index_ = 0, recorded_ = 0;
+};
+
+class Openni2Module : public CameraModule {
+ public:
+  StreamPair make(const CameraRequest& request) override {
+    const auto camera = std::make_shared<Camera>(request);
+    return {std::make_unique<Openni2Stream>(camera, false), std::make_unique<Openni2Stream>(camera, true)};
+  }
+  std::vector<FoundCamera> list() override {
+    std::vector<FoundCamera> found;
+    if (!library_is_ready()) return found;
+    openni::Array<openni::DeviceInfo> devices;
+    openni::OpenNI::enumerateDevices(&devices);
+    for (int i = 0; i < devices.getSize(); ++i)
+      found.push_back(
+          {devices[i].getUri(), std::string(devices[i].getVendor()) + " " + devices[i].getName()});
+    return found;
+  }
+};
+
+}  // namespace
+
+}  // namespace stillmap
+
+extern "C" __attribute__((visibility("default"))) stillmap::CameraModule* stillmap_camera_module() {
+  static stillmap::Openni2Module module;
+  return &module;
+}

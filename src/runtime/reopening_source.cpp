@@ -1,0 +1,99 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/reopening_source.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "runtime/heap_count.h"
+
+namespace stillmap {
+
+namespace {
+
+constexpr Nanoseconds kFirstPause = 250'000'000, kLongestPause = 2'000'000'000;
+
+}  // namespace
+
+ReopeningSource::ReopeningSource(Factory make, Patience patience, EventRing& events)
+    : make_(std::move(make)), patience_(patience), events_(events) {}
+
+Status ReopeningSource::open() {
+  camera_ = make_();
+  if (Status s = camera_->open(); !s.ok()) return s;
+  info_ = camera_->describe();
+  return {};
+}
+
+Status ReopeningSource::start() {
+  alive_ns_ = monotonic_now();
+  return camera_->start();
+}
+
+void ReopeningSource::stop() {
+  if (camera_ != nullptr) camera_->stop();
+}
+
+GrabResult ReopeningSource::grab(FrameSlot& slot, Nanoseconds deadline_ns) {
+  if (camera_ == nullptr) return wait_for_return(deadline_ns);
+  const GrabResult result = camera_->grab(slot, deadline_ns);
+  const Nanoseconds now = monotonic_now();
+  switch (result.status) {
+    case GrabStatus::Frame:
+    case GrabStatus::Dropped:
+      alive_ns_ = now;
+      return result;
+    case GrabStatus::Timeout:
+      if (to_seconds(now - alive_ns_) < patience_.stall_s) return result;
+      lose(EventCode::SourceStalled);
+      return {GrabStatus::Timeout};
+    case GrabStatus::Lost:
+      lose(EventCode::SourceGone);
+      return {GrabStatus::Timeout};
+    case GrabStatus::EndOfStream:
+      return result;
+  }
+  return result;
+}
+
+void ReopeningSource::lose(EventCode code) {
+  const HeapScope scope(HeapOwner::Driver);
+  camera_->stop();
+  camera_.reset();
+  tries_ = 0;
+  pause_ns_ = kFirstPause;
+  next_try_ns_ = monotonic_now() + pause_ns_;
+  tell(code, static_cast<std::int64_t>(to_ms(monotonic_now() - alive_ns_)));
+}
+
+GrabResult ReopeningSource::wait_for_return(Nanoseconds deadline_ns) {
+  const Nanoseconds now = monotonic_now();
+  if (now < next_try_ns_) {
+    never_woken_.wait(never_woken_.ticket(), std::min(deadline_ns, next_try_ns_) - now);
+    if (monotonic_now() < next_try_ns_) return {GrabStatus::Timeout};
+  }
+  if (reopen()) return {GrabStatus::Timeout};
+  if (to_seconds(monotonic_now() - alive_ns_) >= patience_.give_up_s) return {GrabStatus::Lost};
+  pause_ns_ = std::min(2 * pause_ns_, kLongestPause);
+  next_try_ns_ = monotonic_now() + pause_ns_;
+  return {GrabStatus::Timeout};
+}
+
+bool ReopeningSource::reopen() {
+  const HeapScope scope(HeapOwner::Driver);
+  ++tries_;
+  std::unique_ptr<RgbdDriver> camera = make_();
+  if (!camera->open().ok()) return false;
+  // The pool's frames have the size of the first one.
+  const SourceInfo info = camera->describe();
+  if (info.width != info_.width || info.height != info_.height || !camera->start().ok()) return false;
+  camera_ = std::move(camera);
+  alive_ns_ = monotonic_now();
+  tell(EventCode::SourceBack, tries_);
+  return true;
+}
+
+void ReopeningSource::tell(EventCode code, std::int64_t a) {
+  static_cast<void>(events_.try_push({monotonic_now(), Stage::Capture, code, 0, a, 0}));
+}
+
+}  // namespace stillmap

@@ -1,0 +1,227 @@
+// SPDX-License-Identifier: Apache-2.0
+// The module through the real libOpenNI2, with test_device.cpp as its camera.
+#include <OpenNI.h>
+#include <dlfcn.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <thread>
+
+#include "drivers/camera_module.h"
+#include "drivers/paired/paired.h"
+#include "drivers/recorder/recorder.h"
+#include "tests/drivers/pictures/heap_calls.h"
+#include "tests/drivers/pictures/picture_files.h"
+
+namespace stillmap {
+namespace {
+
+using testing::HasSubstr;
+
+constexpr int kWidth = 64, kHeight = 48, kFrames = 25;
+constexpr const char* kCamera = "stillmap-test-camera";
+
+CameraModule& module() {
+  static void* library = dlopen(STILLMAP_MODULE, RTLD_NOW | RTLD_LOCAL);
+  EXPECT_NE(library, nullptr) << dlerror();
+  return *reinterpret_cast<CameraModuleEntry>(dlsym(library, kCameraModuleEntry))();
+}
+
+struct Slot : FrameSlot {
+  Slot() : colour_pixels(kWidth * kHeight), depth_pixels(kWidth * kHeight) {
+    colour = {colour_pixels.data(), kWidth, kHeight, kWidth};
+    depth = {depth_pixels.data(), kWidth, kHeight, kWidth};
+  }
+  void draw(int n) {
+    for (int y = 0; y < kHeight; ++y) {
+      for (int x = 0; x < kWidth; ++x) {
+        colour.at(x, y) = {static_cast<std::uint8_t>(3 * x), static_cast<std::uint8_t>(10 * n),
+                           static_cast<std::uint8_t>(5 * y)};
+        depth.at(x, y) = static_cast<std::uint16_t>(500 + 40 * x + 3 * y + n);
+      }
+    }
+    colour_ns = (n + 1) * 33'333'000LL;
+    depth_ns = colour_ns + 4'000'000;
+  }
+  /// Which of the drawn frames this is, by its colour; its depth must be the same one's.
+  int number() const {
+    const int n = colour.at(7, 5).g / 10;
+    EXPECT_EQ(colour.at(7, 5).b, 21);
+    EXPECT_EQ(colour.at(7, 5).r, 25);
+    EXPECT_EQ(depth.at(7, 5), 500 + 280 + 15 + n);
+    EXPECT_EQ(depth.at(kWidth - 1, kHeight - 1), 500 + 40 * 63 + 3 * 47 + n);
+    return n;
+  }
+  std::vector<Bgr> colour_pixels;
+  std::vector<std::uint16_t> depth_pixels;
+};
+
+class Openni2 : public testing::Test {
+ protected:
+  Openni2() {
+    Recorder recorder(
+        {.folder = log(), .width = kWidth, .height = kHeight, .exact_colour = true, .camera_profile = ""});
+    EXPECT_TRUE(recorder.open().ok());
+    Slot slot;
+    for (int n = 0; n < kFrames; ++n) {
+      slot.draw(n);
+      EXPECT_TRUE(recorder.write(slot));
+    }
+    setenv("STILLMAP_TEST_DEVICE_LOG", log().c_str(), 1);
+    behave("");
+  }
+  std::string log() const { return (folder_.path() / "log").string(); }
+  static void behave(const char* how) { setenv("STILLMAP_TEST_DEVICE", how, 1); }
+  static CameraRequest request(const std::string& device = kCamera) {
+    return {.device = device, .width = kWidth, .height = kHeight};
+  }
+  static std::unique_ptr<Paired> driver(const CameraRequest& wanted) {
+    Paired::Setup setup;
+    setup.name = "openni2:" + wanted.device;
+    setup.colour.width = wanted.width, setup.colour.height = wanted.height;
+    setup.colour.fx = setup.colour.fy = 60, setup.colour.cx = 32, setup.colour.cy = 24;
+    StreamPair streams = module().make(wanted);
+    return std::make_unique<Paired>(setup, std::move(streams.colour), std::move(streams.depth));
+  }
+  static std::string refusal(const CameraRequest& wanted) {
+    const Status s = driver(wanted)->open();
+    return s.ok() ? "" : s.error().message;
+  }
+  static GrabResult grab(Paired& from, Slot& slot, long* heap = nullptr) {
+    const long before = test::heap_calls();
+    const GrabResult result = from.grab(slot, monotonic_now() + 1'000'000'000);
+    if (heap != nullptr) *heap += test::heap_calls() - before;
+    return result;
+  }
+  test::TemporaryFolder folder_;
+};
+
+TEST_F(Openni2, ListsCameras) {
+  const std::vector<FoundCamera> found = module().list();
+  ASSERT_EQ(found.size(), 1u);
+  EXPECT_EQ(found[0].device, kCamera);
+  EXPECT_EQ(found[0].description, "Stillmap Test camera");
+}
+
+TEST_F(Openni2, DeliversWhatTheCameraShows) {
+  const auto camera = driver(request());
+  const Status opened = camera->open();
+  ASSERT_TRUE(opened.ok()) << opened.error().message;
+  ASSERT_TRUE(camera->start().ok());
+  Slot slot;
+  int frames = 0, last = -1;
+  long heap = 0;
+  Nanoseconds stamp_before = 0;
+  for (;;) {
+    const GrabResult result = grab(*camera, slot, frames > 0 ? &heap : nullptr);
+    if (result.status == GrabStatus::Timeout) break;   // the camera has shown all
+    if (result.status != GrabStatus::Frame) continue;  // this machine may be too busy for some
+    const int n = slot.number();
+    EXPECT_GT(n, last);
+    EXPECT_EQ(slot.depth_ns - slot.colour_ns, 4'000'000);
+    if (frames > 0) {
+      EXPECT_EQ(slot.colour_ns - stamp_before, (n - last) * 33'333'000LL);
+    }
+    EXPECT_LT(std::abs(monotonic_now() - slot.colour_ns), 5'000'000'000);
+    stamp_before = slot.colour_ns;
+    last = n;
+    ++frames;
+  }
+  EXPECT_GE(frames, kFrames / 2);
+  EXPECT_LE(heap, 2 * kFrames) << "the library's own readFrame takes one block a picture; nothing else does";
+  camera->stop();
+}
+
+TEST_F(Openni2, TheFirstCameraIsTakenWithoutAName) {
+  const auto camera = driver(request(""));
+  EXPECT_TRUE(camera->open().ok());
+}
+
+TEST_F(Openni2, RegistrationIsVerified) {
+  for (const char* how : {"unregistered", "liar"}) {
+    behave(how);
+    EXPECT_THAT(refusal(request()),
+                HasSubstr("does not register depth to colour by itself; describe its depth camera"))
+        << how;
+    CameraRequest raw = request();
+    raw.register_depth = false;
+    EXPECT_EQ(refusal(raw), "") << how;
+  }
+}
+
+TEST_F(Openni2, UnpluggingIsSeenAndItCanBeOpenedAgain) {
+  behave("unplug");
+  {
+    const auto camera = driver(request());
+    ASSERT_TRUE(camera->open().ok());
+    ASSERT_TRUE(camera->start().ok());
+    Slot slot;
+    GrabResult result{GrabStatus::Frame};
+    for (int i = 0; i < 20 && result.status != GrabStatus::Lost; ++i) result = grab(*camera, slot);
+    EXPECT_EQ(result.status, GrabStatus::Lost);
+    camera->stop();
+  }
+  behave("");
+  const auto again = driver(request());
+  ASSERT_TRUE(again->open().ok());
+  ASSERT_TRUE(again->start().ok());
+  Slot slot;
+  EXPECT_NE(grab(*again, slot).status, GrabStatus::Lost);
+  again->stop();
+}
+
+TEST_F(Openni2, RefusalsNameTheMend) {
+  CameraRequest wanted = request();
+  wanted.width = 65;
+  EXPECT_THAT(refusal(wanted),
+              testing::AllOf(HasSubstr("has no colour of 65x48 px at 30 Hz"), HasSubstr("64x48@30")));
+  wanted = request();
+  wanted.depth_units_per_m = 5000;
+  EXPECT_THAT(refusal(wanted), HasSubstr("let camera.depth_units_per_m be 1000 or 10000"));
+  EXPECT_THAT(refusal(request("no-such-camera")), HasSubstr("cannot be opened"));
+  EXPECT_THAT(refusal(request("/no/such/file.oni")), HasSubstr("cannot be opened"));
+}
+
+TEST_F(Openni2, ARecordingReplaysWhole) {
+  const std::string file = (folder_.path() / "recording.oni").string();
+  {
+    ASSERT_EQ(openni::OpenNI::initialize(), openni::STATUS_OK);
+    openni::Device device;
+    ASSERT_EQ(device.open(kCamera), openni::STATUS_OK);
+    openni::VideoStream colour, depth;
+    ASSERT_EQ(colour.create(device, openni::SENSOR_COLOR), openni::STATUS_OK);
+    ASSERT_EQ(depth.create(device, openni::SENSOR_DEPTH), openni::STATUS_OK);
+    openni::Recorder recorder;
+    ASSERT_EQ(recorder.create(file.c_str()), openni::STATUS_OK);
+    ASSERT_EQ(recorder.attach(colour, false), openni::STATUS_OK);
+    ASSERT_EQ(recorder.attach(depth, false), openni::STATUS_OK);
+    ASSERT_EQ(recorder.start(), openni::STATUS_OK);
+    ASSERT_EQ(depth.start(), openni::STATUS_OK);
+    ASSERT_EQ(colour.start(), openni::STATUS_OK);
+    std::this_thread::sleep_for(std::chrono::milliseconds(25 * kFrames + 500));
+    recorder.stop();
+    recorder.destroy();
+    colour.stop(), depth.stop();
+    colour.destroy(), depth.destroy();
+    device.close();
+    openni::OpenNI::shutdown();
+  }
+  const auto recording = driver(request(file));
+  const Status opened = recording->open();
+  ASSERT_TRUE(opened.ok()) << opened.error().message;
+  ASSERT_TRUE(recording->start().ok());
+  EXPECT_TRUE(recording->describe().is_log);
+  Slot slot;
+  std::vector<int> played;
+  for (GrabResult r = grab(*recording, slot); r.status == GrabStatus::Frame; r = grab(*recording, slot))
+    played.push_back(slot.number());
+  EXPECT_GE(played.size(), kFrames - 2u);
+  for (std::size_t i = 1; i < played.size(); ++i) EXPECT_EQ(played[i], played[i - 1] + 1);
+  EXPECT_EQ(grab(*recording, slot).status, GrabStatus::EndOfStream);
+  recording->stop();
+}
+
+}  // namespace
+}  // namespace stillmap

@@ -1,0 +1,115 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: Apache-2.0
+"""Runs a test program on the distribution's kernel with its virtual camera (vivid), in a virtual machine.
+
+    run_in_vm.py PROGRAM FOLDER
+
+The kernel's package is downloaded once and kept in FOLDER. Exit code: the program's, or 77 (skipped) without qemu.
+"""
+import platform
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+MACHINES = {
+    "x86_64": ("linux-image-amd64", ["qemu-system-x86_64", "-cpu", "Nehalem"], "ttyS0"),
+    "aarch64": ("linux-image-arm64", ["qemu-system-aarch64", "-M", "virt", "-cpu", "max"], "ttyAMA0"),
+}
+BUSYBOX = Path("/bin/busybox")
+# Three virtual cameras: two with buffers of one plane, and one with several.
+INIT = """#!/bin/busybox sh
+/bin/busybox mkdir -p /proc /sys /dev /tmp
+/bin/busybox mount -t proc proc /proc
+/bin/busybox mount -t sysfs sysfs /sys
+/bin/busybox mount -t devtmpfs devtmpfs /dev
+for module in $(/bin/busybox cat /modules/order); do
+  case $module in vivid*) options="n_devs=3 node_types=0x1,0x1,0x1 multiplanar=1,1,2" ;; *) options= ;; esac
+  /bin/busybox insmod /modules/$module $options || echo "insmod $module failed"
+done
+/test
+echo "test program ended with code $?"
+/bin/busybox poweroff -f
+"""
+
+
+def run(*command, **options):
+    return subprocess.run(command, check=True, capture_output=True, text=True, **options).stdout
+
+
+def fetch_kernel(package, folder):
+    """Kernel and modules of the package that `package` stands for, unpacked in `folder` once."""
+    if not (folder / "boot").is_dir():
+        name = re.search(r"Depends: (linux-image-\S+)", run("apt-cache", "depends", package))[1]
+        folder.mkdir(parents=True, exist_ok=True)
+        run("apt-get", "-qq", "download", name, cwd=folder)
+        deb = next(folder.glob("*.deb"))
+        unpacked = folder / "unpacking"
+        shutil.rmtree(unpacked, ignore_errors=True)
+        unpacked.mkdir()
+        with subprocess.Popen(["dpkg-deb", "--fsys-tarfile", deb], stdout=subprocess.PIPE) as archive:
+            run("tar", "-x", "-C", unpacked, "--wildcards", "./boot/vmlinuz-*", "./lib/modules/*/kernel/drivers/media/*",
+                "./lib/modules/*/kernel/drivers/video/*", "./lib/modules/*/kernel/sound/core/*", "./lib/modules/*/kernel/lib/*", stdin=archive.stdout)
+        (unpacked / "lib").rename(folder / "lib")
+        (unpacked / "boot").rename(folder / "boot")
+        deb.unlink()
+    return next((folder / "boot").glob("vmlinuz-*")), {p.stem.replace("-", "_"): p for p in (folder / "lib").rglob("*.ko")}
+
+
+def modules_of(name, known):
+    """The module's file after those that it needs."""
+    depends = re.search(rb"\0depends=([^\0]*)\0", known[name].read_bytes())[1].decode()
+    files = []
+    for needed in filter(None, depends.split(",")):
+        if needed.replace("-", "_") in known:  # the others are part of the kernel, or insmod says what is missing
+            files += modules_of(needed.replace("-", "_"), known)
+    return list(dict.fromkeys([*files, known[name]]))
+
+
+def archive(files):
+    """A cpio archive (newc) of name -> (mode, bytes), with the folders that they need."""
+    entries = {}
+    for name, entry in files.items():
+        for parent in reversed(Path(name).parents[:-1]):
+            entries.setdefault(str(parent), (0o040755, b""))
+        entries[name] = entry
+    out = bytearray()
+    for number, (name, (mode, data)) in enumerate([*entries.items(), ("TRAILER!!!", (0, b""))], 1):
+        fields = (number, mode, 0, 0, 1, 0, len(data), 0, 0, 0, 0, len(name) + 1, 0)
+        out += b"070701" + b"".join(b"%08X" % f for f in fields) + name.encode() + b"\0"
+        out += b"\0" * (-len(out) % 4) + data
+        out += b"\0" * (-len(out) % 4)
+    return bytes(out)
+
+
+def initramfs(program, modules):
+    files = {"init": (0o100755, INIT.encode()), "bin/busybox": (0o100755, BUSYBOX.read_bytes()), "test": (0o100755, program.read_bytes()),
+             "modules/order": (0o100644, "\n".join(m.name for m in modules).encode())}
+    for module in modules:
+        files[f"modules/{module.name}"] = (0o100644, module.read_bytes())
+    for library in re.findall(r"(/\S+) \(0x", run("ldd", program)):
+        files[library.lstrip("/")] = (0o100755, Path(library).read_bytes())
+    return archive(files)
+
+
+def main():
+    program, folder = Path(sys.argv[1]), Path(sys.argv[2])
+    package, qemu, console = MACHINES.get(platform.machine(), (None, [""], ""))
+    if not shutil.which(qemu[0]) or not BUSYBOX.exists():
+        print(f"skipped: no {qemu[0] or 'virtual machine for this processor'} or no {BUSYBOX}; scripts/setup.sh --tests installs them")
+        sys.exit(77)
+    kernel, known = fetch_kernel(package, folder)
+    image = folder / "initramfs"
+    image.write_bytes(initramfs(program, modules_of("vivid", known)))
+    # The processor is emulated: where a machine offers to run it itself (KVM), that may still not work.
+    result = subprocess.run([*qemu, "-accel", "tcg", "-smp", "2", "-m", "512", "-nographic", "-no-reboot", "-nic", "none",
+                             "-kernel", kernel, "-initrd", image, "-append", f"console={console} quiet panic=-1"],
+                            stdin=subprocess.DEVNULL, capture_output=True, text=True, errors="replace", timeout=240, check=False)
+    print(result.stdout, result.stderr)
+    ended = re.search(r"test program ended with code (\d+)", result.stdout)
+    sys.exit(int(ended[1]) if ended else 1)
+
+
+if __name__ == "__main__":
+    main()
