@@ -69,8 +69,11 @@ check_format() {
   git ls-files -z '*.cpp' '*.h' '*.h.in' | xargs -0 clang-format-14 --dry-run -Werror
 }
 
+# The compiler's precompiled headers are nothing that clang could read.
 check_tidy() {
-  run-clang-tidy-14 -quiet -p build/release -j "$(nproc)" "$PWD/(src|drivers)/" 2>/dev/null |
+  mkdir -p build/tidy
+  sed 's/ -Winvalid-pch -include [^ ]*//' build/release/compile_commands.json >build/tidy/compile_commands.json
+  run-clang-tidy-14 -quiet -p build/tidy -j "$(nproc)" "$PWD/(src|drivers)/" 2>/dev/null |
     sed 's/\x1b\[[0-9;]*m//g' | grep -vE '^(clang-tidy-14 |$)'
   return "${PIPESTATUS[0]}"
 }
