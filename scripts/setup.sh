@@ -3,7 +3,8 @@
 # Installs what Stillmap is built from, on Debian 12.
 #
 #   setup.sh           to build it and to run the demo
-#   setup.sh --tests   also what scripts/test.sh checks it with
+#   setup.sh --arm     also the compilers for ARM (toolchains/sysroot.sh starts this)
+#   setup.sh --tests   also what scripts/test.sh checks it with, ARM included
 #
 # Only what is missing is installed; where nothing is, nothing happens.
 set -euo pipefail
@@ -27,15 +28,17 @@ packages=(
   # get_tum.sh and get_model.sh
   curl ca-certificates
 )
+arm=(g++-aarch64-linux-gnu g++-arm-linux-gnueabihf qemu-user debian-archive-keyring)
 case "$*" in
   "") ;;
+  --arm) packages+=("${arm[@]}") ;;
   --tests)
-    packages+=(clang-format clang-tidy shellcheck)
+    packages+=("${arm[@]}" clang-format clang-tidy shellcheck lintian)
     # The stream is tested with its protocol's official client. Any Node.js will do, also one that is not Debian's.
     command -v node >/dev/null || packages+=(nodejs)
     command -v npm >/dev/null || packages+=(npm)
     ;;
-  *) fail "unknown argument $*; usage: setup.sh [--tests]" ;;
+  *) fail "unknown argument $*; usage: setup.sh [--arm | --tests]" ;;
 esac
 
 missing=()

@@ -86,7 +86,7 @@ step "set-up" scripts/setup.sh --tests || finish
 step "build release" build release all || finish
 step "format" check_format
 step "folders and libraries" scripts/check_layers.py
-step "shellcheck" shellcheck -x scripts/*.sh .ci/run
+step "shellcheck" shellcheck -x scripts/*.sh toolchains/*.sh .ci/run
 step "clang-tidy" check_tidy
 step "tests" run_ctest release
 step "pipeline within its bounds" scripts/ci_gates.py
@@ -105,4 +105,14 @@ step "build with address and UB sanitizer" build asan "${asan_programs[@]}" &&
   step "tests with address and UB sanitizer" run_ctest asan "${asan_tests[@]}"
 step "build with thread sanitizer" build tsan "${tsan_programs[@]}" &&
   step "tests with thread sanitizer" run_ctest tsan "${tsan_tests[@]}"
+
+# ARM: the whole program over a few frames beside this machine's build, and the map's tests; the rest takes too long here.
+arms=(aarch64) arm_programs=(stillmap map_test) arm_tests=(-R '^(map_test|cross_test)\.')
+if [ "$full" = yes ]; then
+  arms=(aarch64 armhf) arm_programs=(all) arm_tests=()
+fi
+for arm in "${arms[@]}"; do
+  step "libraries of $arm" toolchains/sysroot.sh "$arm" && step "build $arm" build "$arm" "${arm_programs[@]}" &&
+    step "tests on $arm" run_ctest "$arm" "${arm_tests[@]}"
+done
 finish
