@@ -86,7 +86,7 @@ step "set-up" scripts/setup.sh --tests || finish
 step "build release" build release all || finish
 step "format" check_format
 step "folders and libraries" scripts/check_layers.py
-step "shellcheck" shellcheck -x scripts/*.sh toolchains/*.sh .ci/run
+step "shellcheck" shellcheck -x scripts/*.sh toolchains/*.sh tests/packaging/*.sh .ci/run
 step "clang-tidy" check_tidy
 step "tests" run_ctest release
 step "pipeline within its bounds" scripts/ci_gates.py
@@ -115,4 +115,7 @@ for arm in "${arms[@]}"; do
   step "libraries of $arm" toolchains/sysroot.sh "$arm" && step "build $arm" build "$arm" "${arm_programs[@]}" &&
     step "tests on $arm" run_ctest "$arm" "${arm_tests[@]}"
 done
+if [ "$full" = yes ]; then
+  step "packages in a clean root" tests/packaging/install_test.sh
+fi
 finish
