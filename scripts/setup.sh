@@ -33,7 +33,7 @@ case "$*" in
   "") ;;
   --arm) packages+=("${arm[@]}") ;;
   --tests)
-    packages+=("${arm[@]}" clang-format clang-tidy shellcheck lintian)
+    packages+=("${arm[@]}" clang-format clang-tidy shellcheck lintian debootstrap systemd)
     # The stream is tested with its protocol's official client. Any Node.js will do, also one that is not Debian's.
     command -v node >/dev/null || packages+=(nodejs)
     command -v npm >/dev/null || packages+=(npm)
