@@ -3,7 +3,8 @@
 # Installs what Stillmap is built from, on Debian 12.
 #
 #   setup.sh           to build it and to run the demo
-#   setup.sh --tests   also what scripts/test.sh checks it with
+#   setup.sh --arm     also the compilers for ARM (toolchains/sysroot.sh starts this)
+#   setup.sh --tests   also what scripts/test.sh checks it with, ARM included
 #   setup.sh --bench   also what scripts/bench.sh measures with
 #
 # Only what is missing is installed; where nothing is, nothing happens.
@@ -32,10 +33,12 @@ packages=(
   # get_tum.sh and get_model.sh
   curl ca-certificates
 )
+arm=(g++-aarch64-linux-gnu g++-arm-linux-gnueabihf qemu-user debian-archive-keyring)
 case "$*" in
   "") ;;
+  --arm) packages+=("${arm[@]}") ;;
   --tests)
-    packages+=(clang-format clang-tidy shellcheck openssl python3-scipy)
+    packages+=("${arm[@]}" clang-format clang-tidy shellcheck openssl python3-scipy lintian debootstrap systemd)
     # The camera driver is tested on a kernel with a virtual camera, in a virtual machine.
     case $(uname -m) in
       x86_64) packages+=(qemu-system-x86 busybox-static) ;;
@@ -48,7 +51,7 @@ case "$*" in
     command -v chromium >/dev/null || packages+=(chromium)
     ;;
   --bench) packages+=(libbenchmark-dev) ;;
-  *) fail "unknown argument $*; usage: setup.sh [--tests|--bench]" ;;
+  *) fail "unknown argument $*; usage: setup.sh [--arm|--tests|--bench]" ;;
 esac
 
 missing=()

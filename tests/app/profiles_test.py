@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every shipped profile loads, and the plan of each board with each camera fits it."""
+import re
+import unittest
+
+from program import DONE, SOURCE, stillmap
+
+FIRMWARE = SOURCE / "firmware-config"
+BOARDS, CAMERAS, CLASSES = (sorted((FIRMWARE / kind).glob("*.toml")) for kind in ("boards", "cameras", "classes"))
+# Of the smallest model that is sold. Others want memory, too: a budget is at most a fifth of it.
+BOARD_RAM_MB = {"raspberry-pi-5": 2048, "raspberry-pi-4": 1024, "jetson-orin-nano": 4096, "rk3588": 4096, "two-core": 1024}
+
+
+def budget_mb(plan):
+    return float(re.search(r"\(budget ([0-9.]+) MB\)", plan)[1])
+
+
+class ProfilesTest(unittest.TestCase):
+    def test_every_board_plans_every_camera_within_its_budget(self):
+        self.assertTrue(BOARDS and CAMERAS)
+        for board in BOARDS:
+            for camera in CAMERAS:
+                with self.subTest(board=board.stem, camera=camera.stem):
+                    result = stillmap("plan", "--config", board, "--config", camera)
+                    self.assertEqual(result.returncode, DONE, result.stderr)
+                    self.assertLessEqual(budget_mb(result.stdout), BOARD_RAM_MB[board.stem] / 5)
+
+    def test_every_class_table_loads(self):
+        for table in [*CLASSES, FIRMWARE / "demo.toml"]:
+            with self.subTest(table=table.stem):
+                result = stillmap("check", "--config", CAMERAS[0], "--config", table)
+                self.assertEqual(result.returncode, DONE, result.stderr)
+
+    def test_the_service_starts_shipped_profiles(self):
+        named = re.findall(r"^(?:BOARD|CAMERA)=/usr/share/stillmap/(.*)$", (FIRMWARE / "systemd/stillmap.env").read_text(), re.M)
+        self.assertEqual(len(named), 2)
+        for name in named:
+            self.assertTrue((SOURCE / name).is_file(), name)
+
+    def test_the_service_may_lock_and_hold_the_largest_budget(self):
+        unit = (FIRMWARE / "systemd/stillmap.service").read_text()
+        limits = [int(m) for m in re.findall(r"^(?:MemoryMax|LimitMEMLOCK)=([0-9]+)M$", unit, re.M)]
+        self.assertEqual(len(limits), 2)
+        budgets = [budget_mb(stillmap("plan", "--config", b, "--config", CAMERAS[0]).stdout) for b in BOARDS]
+        self.assertGreaterEqual(min(limits), 2 * max(budgets))
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,44 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# install_test.sh: makes the packages of the release build and holds them against lintian; installs them in a Debian 12 that
+# has nothing else, replays a log there, and builds the example of the library there. Needs root, debootstrap, the network.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/../.."
+work=$(mktemp -d /var/tmp/stillmap-install-XXXXXX)
+trap 'rm -rf "$work"' EXIT
+root=$work/root
+
+cpack --config build/release/CPackConfig.cmake -B "$work/packages" >"$work/cpack.txt" || { cat "$work/cpack.txt"; exit 1; }
+packages=("$work"/packages/*.deb)
+ls -l "${packages[@]}"
+lintian --fail-on error,warning "${packages[@]}"
+
+debootstrap --variant=minbase bookworm "$root" "${STILLMAP_DEBIAN_MIRROR:-http://deb.debian.org/debian}" >"$work/debootstrap.txt" ||
+  { tail -n 20 "$work/debootstrap.txt"; exit 1; }
+cp /etc/resolv.conf "$root/etc/"
+cp "${packages[@]}" "$root/tmp/"
+build/release/bin/stillmap-synth --out "$root/tmp/log" --seed 3 --frames 20
+in_root() { chroot "$root" env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin DEBIAN_FRONTEND=noninteractive LC_ALL=C "$@"; }
+in_root sh -c 'apt-get -qq update && apt-get -qq install --yes --no-install-recommends /tmp/stillmap_*.deb' >"$work/install.txt" 2>&1 ||
+  { tail -n 20 "$work/install.txt"; exit 1; }
+profiles=/usr/share/stillmap/firmware-config
+if in_root ldd /usr/bin/stillmap | grep 'not found'; then exit 1; fi
+in_root stillmap check --config $profiles/boards/raspberry-pi-5.toml --config $profiles/cameras/tum-fr1.toml
+in_root stillmap run --config $profiles/cameras/synthetic.toml --set detector.model=none --listen off --mode lockstep \
+  --source tum:/tmp/log --trajectory /tmp/poses.txt
+poses=$(grep -vc '^#' "$root/tmp/poses.txt")
+echo "$poses poses from the installed program, $(in_root ldd /usr/bin/stillmap | wc -l) libraries"
+[ "$poses" -eq 20 ]
+# A folder is all that enabling needs; starting it needs a machine.
+systemctl --root="$root" enable stillmap
+[ -L "$root/etc/systemd/system/multi-user.target.wants/stillmap.service" ]
+
+in_root sh -c 'apt-get -qq install --yes --no-install-recommends cmake g++ make /tmp/libstillmap-dev_*.deb' >"$work/install.txt" 2>&1 ||
+  { tail -n 20 "$work/install.txt"; exit 1; }
+in_root sh -c 'cmake -S /usr/share/doc/libstillmap-dev/example -B /tmp/example && cmake --build /tmp/example' >"$work/example.txt" 2>&1 ||
+  { cat "$work/example.txt"; exit 1; }
+poses=$(in_root /tmp/example/example $profiles/cameras/synthetic.toml /tmp/log | wc -l)
+echo "$poses poses from the example"
+[ "$poses" -eq 20 ]
+in_root apt-get -qq remove --yes stillmap >"$work/remove.txt" 2>&1
+[ ! -e "$root/usr/bin/stillmap" ]

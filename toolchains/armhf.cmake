@@ -1,0 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+# 32-bit ARM with hard floating point and NEON: the same boards with a 32-bit system.
+include(${CMAKE_CURRENT_LIST_DIR}/arm.cmake)
+set(CMAKE_SYSTEM_PROCESSOR armv7l)
+stillmap_arm_toolchain(armhf arm-linux-gnueabihf qemu-arm -mfpu=neon-fp-armv8 -mfloat-abi=hard)
