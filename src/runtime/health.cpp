@@ -75,7 +75,8 @@ void Health::log(const Event& e) {
   context_.flight.put(e);
   const bool quality = e.code == EventCode::QualityLowered || e.code == EventCode::QualityRaised;
   const bool bad = quality || e.code == EventCode::TrackingLost || e.code == EventCode::DetectorFailed;
-  const std::string detail = quality ? kSheddingPlan[static_cast<std::size_t>(e.a)].name : std::to_string(e.a);
+  const std::string detail =
+      quality ? kSheddingPlan[static_cast<std::size_t>(e.a)].name : std::to_string(e.a);
   say(bad ? LogLevel::Warning : LogLevel::Info, to_string(e.stage),
       fmt::format("{} at frame {} ({})", to_string(e.code), e.sequence, detail));
   if (e.code == EventCode::TrackingLost && context_.flight.enabled() &&
@@ -121,13 +122,13 @@ void Health::log_depth() {
       break;
     case DepthFault::Empty:
       warn(fmt::format("depth: {} % of the pixels have no reading; is the depth camera covered, or too near?",
-                   v.percent));
+                       v.percent));
       break;
     case DepthFault::Scale:
-      warn(fmt::format(
-          "depth: {} % of the readings lie outside camera.depth_min_m to camera.depth_max_m; is "
-          "camera.depth_units_per_m = {} right?",
-          v.percent, context_.config.camera.depth_units_per_m));
+      warn(
+          fmt::format("depth: {} % of the readings lie outside camera.depth_min_m to camera.depth_max_m; is "
+                      "camera.depth_units_per_m = {} right?",
+                      v.percent, context_.config.camera.depth_units_per_m));
       break;
     case DepthFault::Unregistered:
       warn(fmt::format(
@@ -143,8 +144,9 @@ void Health::log_recorder() {
   const std::uint64_t missing =
       c.record_failed.load(std::memory_order_relaxed) + c.record_left_out.load(std::memory_order_relaxed);
   if (missing == record_missing_logged_) return;
-  warn(fmt::format("{} frames are not in the recorded log ({} could not be written); is the disk full or slow?",
-               missing - record_missing_logged_, c.record_failed.load(std::memory_order_relaxed)));
+  warn(fmt::format(
+      "{} frames are not in the recorded log ({} could not be written); is the disk full or slow?",
+      missing - record_missing_logged_, c.record_failed.load(std::memory_order_relaxed)));
   record_missing_logged_ = missing;
 }
 

@@ -56,7 +56,8 @@ void MapStage::take_detected(DetectedFrame&& detected) {
   if (pose.sequence != frame.sequence) {
     ++counts_.unposed;
   } else if (due(frame.sequence)) {
-    segment(found_for_sure(detected.boxes, config_.detector.score_threshold), frame.depth, config_.camera, config_.track.dynamic_rule, mask_);
+    segment(found_for_sure(detected.boxes, config_.detector.score_threshold), frame.depth, config_.camera,
+            config_.track.dynamic_rule, mask_);
     fuse(frame, pose, mask_);
     ++counts_.own_boxes;
   }

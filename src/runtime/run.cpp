@@ -12,8 +12,8 @@
 #include "detect/model_file.h"
 #include "eval/accuracy.h"
 #include "map/ply.h"
-#include "runtime/memory_lock.h"
 #include "runtime/checkpoint.h"
+#include "runtime/memory_lock.h"
 #include "runtime/memory_use.h"
 #include "runtime/output_file.h"
 #include "runtime/report.h"
@@ -233,13 +233,13 @@ Status run(const RunOptions& asked) {
     spdlog::warn("detector.model is \"none\": nothing that moves is recognised by what it is");
   }
 
-  const Stages::Parts parts{.detector = detector != nullptr,
-                            .stream = config.stream.listen != "off",
-                            .log = is_log,
-                            .lockstep_delay = mode == RunMode::Lockstep ? options.detector.delay : 0,
-                            .recorder_frames =
-                                options.record.empty() ? 0 : RecordLane::frames_held(config.record.buffer_frames),
-                            .trajectory_poses = poses_to_keep(options, source.value().stamps.size())};
+  const Stages::Parts parts{
+      .detector = detector != nullptr,
+      .stream = config.stream.listen != "off",
+      .log = is_log,
+      .lockstep_delay = mode == RunMode::Lockstep ? options.detector.delay : 0,
+      .recorder_frames = options.record.empty() ? 0 : RecordLane::frames_held(config.record.buffer_frames),
+      .trajectory_poses = poses_to_keep(options, source.value().stamps.size())};
   Arena planning;
   plan_memory(planning, config, parts);
   if (Status s = check_budget(planning, config); !s.ok()) return s;

@@ -37,11 +37,11 @@ struct RunCounters {
   Count static_features{0}, dynamic_features{0}, semi_static_features{0}, unknown_features{0};
   Count detector_runs{0}, detector_failures{0}, detector_skipped{0};
   Count quality_lowered{0}, quality_raised{0}, frames_shed{0};
-  Count latency_us{0};                    ///< capture to pose, sum over all poses
+  Count latency_us{0};  ///< capture to pose, sum over all poses
   Count recorded{0}, record_failed{0}, record_left_out{0}, record_cpu_ns{0};  ///< of --record
   std::atomic<DepthCheck::Verdict> depth_verdict{};  ///< the newest that found a fault
-  std::array<Count, kStageCount> late{};  ///< how often each stage was
-  std::atomic<int> state{0};              ///< TrackState
+  std::array<Count, kStageCount> late{};             ///< how often each stage was
+  std::atomic<int> state{0};                         ///< TrackState
   PoolMark points, keyframe_pool, blocks;
   PoolMark read_ahead, track_ring, map_ring, detected_ring;  ///< where there are threads
 

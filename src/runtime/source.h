@@ -19,8 +19,8 @@ struct OpenedSource {
 };
 
 /// Opens what a source URI names: `tum:DIR`, `v4l2:COLOUR,DEPTH`, `openni2:[URI|FILE.oni]`. A camera that
-/// goes away is opened anew until camera.give_up_s has passed. A log in the TUM layout is played `loops` times,
-/// forwards and backwards in turn; what else was opened cannot be.
+/// goes away is opened anew until camera.give_up_s has passed. A log in the TUM layout is played `loops`
+/// times, forwards and backwards in turn; what else was opened cannot be.
 Result<OpenedSource> open_source(const std::string& uri, const Config& config, int loops);
 
 /// What can be opened on this machine now.

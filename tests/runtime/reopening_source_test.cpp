@@ -127,8 +127,10 @@ TEST(ReopeningSource, ARunGoesOnAfterAnInterruptionAndEndsWhenTheCameraIsGoneFor
   ReopeningSource source(plug.factory(), {.stall_s = 1, .give_up_s = 1}, events);
   ASSERT_TRUE(source.open().ok());
   ASSERT_TRUE(source.start().ok());
-  test::Pipeline p(source);
-  run_realtime(*p.context);
+  RunOptions options;
+  options.mode = RunMode::Live;
+  test::Pipeline p(source, options);
+  run_threads(*p.context);
   p.expect_accounted();
   EXPECT_EQ(p.context->counters.offered.load(), 14u);
   EXPECT_EQ(p.dropped(DropReason::CorruptDepth), 1u);

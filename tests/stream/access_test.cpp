@@ -58,7 +58,9 @@ TEST(Access, ATokenFileThatIsNoneIsRefusedWithTheMendAndWithoutItsText) {
 }
 
 TEST(Access, TheTokenOpensByAddressOrCookieAndNothingElseDoes) {
-  const TokenFile file(std::string(kToken) + "\nanother line\n");
+  std::string two_lines(kToken);  // in one expression with the next, GCC 12 warns of what is not there
+  two_lines.append("\nanother line\n");
+  const TokenFile file(two_lines);
   const Result<Access> opened = open("0.0.0.0", file.path);
   ASSERT_TRUE(opened.ok()) << opened.error().message;
   const Access& access = opened.value();

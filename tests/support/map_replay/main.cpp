@@ -74,7 +74,7 @@ Status replay(const std::string& config_path, const std::string& log, const std:
   const Config& config = loaded.value().config;
   const Result<std::vector<StampedPose>> poses = read_trajectory(poses_path);
   if (!poses.ok()) return poses.error();
-  Result<OpenedSource> source = open_source("tum:" + log, config);
+  Result<OpenedSource> source = open_source("tum:" + log, config, 1);
   if (!source.ok()) return source.error();
   Result<ModelFile> model = find_model(config.detector);
   if (!model.ok()) return model.error();
