@@ -222,8 +222,14 @@ TEST(V4l2, NothingArrivesBeforeTheDeadline) {
   V4l2Stream stream(request("/dev/video0", "YUYV"));
   ASSERT_TRUE(stream.open().ok());
   ASSERT_TRUE(stream.start().ok());
-  HeldPicture held;
-  EXPECT_EQ(stream.peek(held, monotonic_now()), PeekStatus::Timeout);
+  // A slow start may have left one or two to take; then the next is 40 ms away.
+  PeekStatus status = PeekStatus::Picture;
+  for (int i = 0; i < 4 && status == PeekStatus::Picture; ++i) {
+    HeldPicture held;
+    status = stream.peek(held, monotonic_now());
+    stream.release();
+  }
+  EXPECT_EQ(status, PeekStatus::Timeout);
 }
 
 TEST(V4l2, ControlsAreSetByName) {
