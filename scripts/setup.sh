@@ -4,7 +4,8 @@
 #
 #   setup.sh           to build it and to run the demo
 #   setup.sh --arm     also the compilers for ARM (toolchains/sysroot.sh starts this)
-#   setup.sh --tests   also what scripts/test.sh checks it with, ARM included
+#   setup.sh --tests   also what scripts/test.sh checks it with
+#   setup.sh --full    also what scripts/test.sh --full adds: ARM, and packages in a clean root
 #   setup.sh --bench   also what scripts/bench.sh measures with
 #
 # Only what is missing is installed; where nothing is, nothing happens.
@@ -37,8 +38,9 @@ arm=(g++-aarch64-linux-gnu g++-arm-linux-gnueabihf qemu-user debian-archive-keyr
 case "$*" in
   "") ;;
   --arm) packages+=("${arm[@]}") ;;
-  --tests)
-    packages+=("${arm[@]}" clang-format clang-tidy shellcheck openssl python3-scipy lintian debootstrap systemd)
+  --tests|--full)
+    [ "$*" = --tests ] || packages+=("${arm[@]}" lintian debootstrap systemd)
+    packages+=(clang-format clang-tidy shellcheck openssl python3-scipy)
     # The camera driver is tested on a kernel with a virtual camera, in a virtual machine.
     case $(uname -m) in
       x86_64) packages+=(qemu-system-x86 busybox-static) ;;
@@ -51,7 +53,7 @@ case "$*" in
     command -v chromium >/dev/null || packages+=(chromium)
     ;;
   --bench) packages+=(libbenchmark-dev) ;;
-  *) fail "unknown argument $*; usage: setup.sh [--arm|--tests|--bench]" ;;
+  *) fail "unknown argument $*; usage: setup.sh [--arm|--tests|--full|--bench]" ;;
 esac
 
 missing=()

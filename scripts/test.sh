@@ -3,7 +3,7 @@
 # Checks everything: set-up, build, form, tests, tests under sanitizers, the whole pipeline against its bounds, the demo.
 #
 #   test.sh          in under 25 minutes on two cores
-#   test.sh --full   the slow tests, too, and all of them under both sanitizers
+#   test.sh --full   the slow tests, too, all of them under both sanitizers, ARM under emulation, and the packages
 #
 # One line for each step; what a failed one said follows it. Ends with "N passed, N failed": tests and steps together.
 # Tests with recorded logs find them in $STILLMAP_SHARED or ../shared, and are skipped where they are missing.
@@ -82,7 +82,7 @@ run_ctest() { # PRESET OPTION...
   ctest --preset "$1" --parallel "$(nproc)" "${@:2}"
 }
 
-step "set-up" scripts/setup.sh --tests || finish
+step "set-up" scripts/setup.sh "--$([ "$full" = yes ] && echo full || echo tests)" || finish
 step "build release" build release all || finish
 step "format" check_format
 step "folders and libraries" scripts/check_layers.py
@@ -107,16 +107,12 @@ step "build with address and UB sanitizer" build asan "${asan_programs[@]}" &&
 step "build with thread sanitizer" build tsan "${tsan_programs[@]}" &&
   step "tests with thread sanitizer" run_ctest tsan "${tsan_tests[@]}"
 
-# ARM: the whole program over a few frames beside this machine's build, and the map's tests; the rest takes too long here.
-arms=(aarch64) arm_programs=(stillmap map_test) arm_tests=(-R '^(map_test|cross_test)\.')
+# ARM under emulation, and the packages: minutes each.
 if [ "$full" = yes ]; then
-  arms=(aarch64 armhf) arm_programs=(all) arm_tests=()
-fi
-for arm in "${arms[@]}"; do
-  step "libraries of $arm" toolchains/sysroot.sh "$arm" && step "build $arm" build "$arm" "${arm_programs[@]}" &&
-    step "tests on $arm" run_ctest "$arm" "${arm_tests[@]}"
-done
-if [ "$full" = yes ]; then
+  for arm in aarch64 armhf; do
+    step "libraries of $arm" toolchains/sysroot.sh "$arm" && step "build $arm" build "$arm" all &&
+      step "tests on $arm" run_ctest "$arm"
+  done
   step "packages in a clean root" tests/packaging/install_test.sh
 fi
 finish

@@ -87,6 +87,8 @@ void DepthRegistration::project_row(const std::uint16_t* from, int y) {
     right[i] = seen ? first_from(u + half_u_, width) : 0;
     top[i] = first_from(v - half_v_, height);
     bottom[i] = first_from(v + half_v_, height);
+    // Never negative, and lround would not go into vector units.
+    // NOLINTNEXTLINE(bugprone-incorrect-roundings)
     reading[i] = static_cast<int>(z + 0.5f);
   }
 }

@@ -75,6 +75,13 @@ class SetupTest(unittest.TestCase):
             self.assertEqual(self.setup("--tests").returncode, 0)
             self.assertTrue(self.asked()[-1].endswith(f"recommends {asked}"), self.asked())
 
+    def test_the_full_tests_need_most(self):
+        self.installed("shellcheck", "lintian", "qemu-user")
+        for tool in ("node", "npm", "chromium"):
+            self.command(tool, "")
+        self.assertEqual(self.setup("--full").returncode, 0)
+        self.assertTrue(self.asked()[1].endswith("recommends qemu-user lintian shellcheck"), self.asked())
+
     def test_arm_needs_its_compilers(self):
         self.installed("g++-arm-linux-gnueabihf", "shellcheck")
         self.assertEqual(self.setup("--arm").returncode, 0)
@@ -88,7 +95,7 @@ class SetupTest(unittest.TestCase):
         self.assertEqual(len(self.asked()), 2)
 
     def test_refusals(self):
-        self.refused(self.setup("--all"), "usage: setup.sh [--arm|--tests|--bench]")
+        self.refused(self.setup("--all"), "usage: setup.sh [--arm|--tests|--full|--bench]")
         self.installed("cmake")
         self.command("id", "echo 1000")
         self.refused(self.setup(), "there is no sudo; run as root: apt-get install --no-install-recommends cmake")
