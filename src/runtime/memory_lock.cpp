@@ -15,6 +15,12 @@ namespace stillmap {
 
 namespace {
 
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+constexpr bool kSanitized = true;
+#else
+constexpr bool kSanitized = false;
+#endif
+
 bool has_lock_capability() {
   __user_cap_header_struct header{.version = _LINUX_CAPABILITY_VERSION_3, .pid = 0};
   std::array<__user_cap_data_struct, 2> data{};
@@ -24,9 +30,7 @@ bool has_lock_capability() {
 }  // namespace
 
 std::string lock_memory() {
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-  return {};
-#else
+  if constexpr (kSanitized) return {};
   rlimit limit{};
   getrlimit(RLIMIT_MEMLOCK, &limit);
   const std::string mend =
@@ -38,7 +42,6 @@ std::string lock_memory() {
     return "memory.lock: this process may lock " + std::to_string(limit.rlim_cur / 1024) + " KB" + mend;
   if (mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) == 0) return {};
   return std::string("memory.lock: ") + std::strerror(errno) + mend;
-#endif
 }
 
 }  // namespace stillmap
