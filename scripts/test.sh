@@ -98,7 +98,7 @@ step "demo" scripts/demo.sh --frames 60 --out build/demo
 asan_programs=(core_test detect_test segment_test map_test stream_test eval_test pictures_test tum_log_test paired_test recorder_test)
 asan_tests=(-R '^(core_test|detect_test|segment_test|map_test|stream_test|eval_test|pictures_test|tum_log_test|paired_test|recorder_test)\.' -E 'SegmentWalkers\.Detected')
 tsan_programs=(core_test stream_test runtime_test)
-# FastTracksEveryFrameInOrder plays without pauses, which takes this sanitizer minutes.
+# FastTracksEveryFrameInOrder plays without pauses, which takes this sanitizer a minute and a half.
 tsan_tests=(-R '^(core_test\.|stream_test\.|runtime_test\.(Waker|Threads|Lockstep|Health|RunCounters))' -E 'FastTracksEveryFrameInOrder')
 if [ "$full" = yes ]; then
   asan_programs=(all) asan_tests=() tsan_programs=(all) tsan_tests=()

@@ -105,8 +105,6 @@ std::vector<Key> describe(Config& c) {
       {"detector.input_width", &c.detector.input_width, "px", "network input, a multiple of 32", 64, 1280},
       {"detector.input_height", &c.detector.input_height, "px", "network input, a multiple of 32", 64, 1280},
       {"detector.score_threshold", &c.detector.score_threshold, "", "weaker detections are dropped", 0.01, 1},
-      {"detector.weak_score_threshold", &c.detector.weak_score_threshold, "",
-       "down to this, a moving class's box counts where one was seen before", 0.01, 1},
       {"detector.nms_iou", &c.detector.nms_iou, "", "overlap above which the weaker box of a class goes",
        0.05, 1},
       {"detector.max_age_ms", &c.detector.max_age_ms, "ms", "older boxes are not used", 1, 60000},

@@ -56,7 +56,6 @@ struct Config {
     std::string sha256;
     int input_width = 320, input_height = 256;
     double score_threshold = 0.35;
-    double weak_score_threshold = 1;
     double nms_iou = 0.6;
     int max_age_ms = 700;
   } detector;

@@ -83,7 +83,6 @@ void BoxCarrier::update(const Detections& fresh, const Pose& T_odom_camera) {
     track.matched = true;
     Track* before = nearest(track);
     if (before == nullptr) {
-      if (d.score < least_score_) continue;
       track.object = ++objects_;
       static_cast<void>(tracks_.try_push_back(track));
       continue;

@@ -24,9 +24,7 @@ void measure_depths(Detections& detections, ImageView<const std::uint16_t> depth
 /// thread; no heap.
 class BoxCarrier {
  public:
-  /// A detection with a score below `least_score` says only that an object which is carried is still there.
-  BoxCarrier(const CameraModel& camera, Nanoseconds max_age_ns, double least_score = 0)
-      : camera_(camera), max_age_ns_(max_age_ns), least_score_(static_cast<float>(least_score)) {}
+  BoxCarrier(const CameraModel& camera, Nanoseconds max_age_ns) : camera_(camera), max_age_ns_(max_age_ns) {}
 
   /// Takes in a detector's word on one frame whose pose was `T_odom_camera`.
   void update(const Detections& fresh, const Pose& T_odom_camera);
@@ -53,7 +51,6 @@ class BoxCarrier {
 
   CameraModel camera_;
   Nanoseconds max_age_ns_;
-  float least_score_;
   FixedVector<Track, 48> tracks_;
   std::uint32_t objects_ = 0;  // so far
 };

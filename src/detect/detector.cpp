@@ -37,8 +37,7 @@ struct Detector::Impl {
         classes(static_cast<int>(config.classes.names.size())),
         letterbox(config.camera.width, config.camera.height, config.detector.input_width,
                   config.detector.input_height),
-        decoder(class_kinds(config.classes), config.detector.score_threshold, config.detector.nms_iou,
-                config.detector.weak_score_threshold),
+        decoder(class_kinds(config.classes), config.detector.score_threshold, config.detector.nms_iou),
         warnings(class_warning(config.classes)),
         network(letterbox, kInput) {}
 

@@ -22,8 +22,7 @@ class Detector {
   ~Detector();
 
   /// The objects of `frame.colour`, which has the camera's size (checked), with the frame's sequence number
-  /// and colour stamp; those of moving classes down to `detector.weak_score_threshold`. False, with no
-  /// objects, when the library failed.
+  /// and colour stamp. False, with no objects, when the library failed.
   [[nodiscard]] bool run(const FrameSlot& frame, Detections& out);
 
   /// One line for people: file, input size, classes, library.

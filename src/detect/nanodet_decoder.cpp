@@ -60,18 +60,10 @@ float intersection_over_union(const Box& a, const Box& b) {
   return both / (a.area() + b.area() - both);
 }
 
-NanodetDecoder::NanodetDecoder(std::span<const ClassKind> kinds, double score_threshold, double nms_iou,
-                               double weak_score_threshold)
+NanodetDecoder::NanodetDecoder(std::span<const ClassKind> kinds, double score_threshold, double nms_iou)
     : kinds_(kinds.begin(), kinds.end()),
-      least_logit_(std::numeric_limits<float>::infinity()),
-      nms_iou_(static_cast<float>(nms_iou)) {
-  for (const ClassKind kind : kinds_) {
-    const bool weak_counts = kind == ClassKind::Dynamic;
-    const double least = weak_counts ? std::min(score_threshold, weak_score_threshold) : score_threshold;
-    least_logits_.push_back(static_cast<float>(std::log(least / (1 - least))));
-    least_logit_ = std::min(least_logit_, least_logits_.back());
-  }
-}
+      logit_threshold_(static_cast<float>(std::log(score_threshold / (1 - score_threshold)))),
+      nms_iou_(static_cast<float>(nms_iou)) {}
 
 void NanodetDecoder::add(const Detection& candidate) {
   if (candidates_.try_push_back(candidate)) {
@@ -93,7 +85,7 @@ void NanodetDecoder::collect(const Head& head, const Letterbox& letterbox) {
     // Class by class along the row, as the memory lies.
     std::array<float, kMaxColumns> best;
     std::array<std::uint16_t, kMaxColumns> best_class{};
-    best.fill(least_logit_);
+    best.fill(logit_threshold_);
     for (std::size_t id = 0; id < kinds_.size(); ++id) {
       const float* logits = head.classes.data() + (id * rows + row) * columns;
       for (std::size_t x = 0; x < columns; ++x) {
@@ -104,8 +96,7 @@ void NanodetDecoder::collect(const Head& head, const Letterbox& letterbox) {
       }
     }
     for (std::size_t x = 0; x < columns; ++x) {
-      if (!(best[x] > least_logit_) || !(best[x] > least_logits_[best_class[x]]) || !std::isfinite(best[x]))
-        continue;
+      if (!(best[x] > logit_threshold_) || !std::isfinite(best[x])) continue;
       const std::optional<Box> in_input = box_at(head, static_cast<int>(x), static_cast<int>(row));
       if (!in_input) continue;
       const Box box = letterbox.to_picture(*in_input);

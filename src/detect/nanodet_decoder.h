@@ -30,10 +30,8 @@ class NanodetDecoder {
     std::span<const float> classes, distances;
   };
 
-  /// `kinds` has one entry for each class of the network. Classes that are Dynamic come out down to
-  /// `weak_score_threshold` where that is lower.
-  NanodetDecoder(std::span<const ClassKind> kinds, double score_threshold, double nms_iou,
-                 double weak_score_threshold = 1);
+  /// `kinds` has one entry for each class of the network.
+  NanodetDecoder(std::span<const ClassKind> kinds, double score_threshold, double nms_iou);
 
   /// Replaces `out`: the best score first, in pixels of the picture. Sizes of the heads' spans
   /// are the caller's promise (checked). Cells with a value that is not finite, and boxes that are empty
@@ -46,9 +44,7 @@ class NanodetDecoder {
   void add(const Detection& candidate);
 
   std::vector<ClassKind> kinds_;
-  float least_logit_;                // of any class
-  std::vector<float> least_logits_;  // by class
-  float nms_iou_;
+  float logit_threshold_, nms_iou_;
   FixedVector<Detection, 512> candidates_;  // once full, a heap with the weakest on top
 };
 

@@ -6,20 +6,6 @@
 
 namespace stillmap {
 
-namespace {
-
-/// Without the weak ones, which only say that what is carried is still there.
-Detections found_for_sure(const Detections& all, double score_threshold) {
-  Detections sure = all;
-  sure.items.clear();
-  for (const Detection& d : all.items) {
-    if (d.score >= score_threshold) static_cast<void>(sure.items.try_push_back(d));
-  }
-  return sure;
-}
-
-}  // namespace
-
 MapStage::MapStage(Arena& arena, const Config& config, const RayTable& rays, bool has_detector)
     : config_(config),
       map_(arena, config.map, config.camera, rays),
@@ -56,8 +42,7 @@ void MapStage::take_detected(DetectedFrame&& detected) {
   if (pose.sequence != frame.sequence) {
     ++counts_.unposed;
   } else if (due(frame.sequence)) {
-    segment(found_for_sure(detected.boxes, config_.detector.score_threshold), frame.depth, config_.camera,
-            config_.track.dynamic_rule, mask_);
+    segment(detected.boxes, frame.depth, config_.camera, config_.track.dynamic_rule, mask_);
     fuse(frame, pose, mask_);
     ++counts_.own_boxes;
   }

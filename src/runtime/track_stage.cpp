@@ -8,8 +8,7 @@ namespace stillmap {
 TrackStage::TrackStage(Arena& arena, const Config& config)
     : config_(config),
       tracker_(arena, config),
-      carrier_(config.camera, static_cast<Nanoseconds>(config.detector.max_age_ms) * 1'000'000,
-               config.detector.score_threshold) {}
+      carrier_(config.camera, static_cast<Nanoseconds>(config.detector.max_age_ms) * 1'000'000) {}
 
 const Pose* TrackStage::pose_of(std::uint64_t sequence) const {
   const SequencePose& entry = recent_[sequence % recent_.size()];

@@ -24,8 +24,7 @@ struct MapPoint {
   bool suspect = false;  ///< found on something that may move; must prove that it stands still
   std::uint16_t visible = 0, found = 0;  ///< frames that should have seen it, frames that did
   std::uint32_t id = 0;                  ///< never used twice, so that a stale index is noticed
-  std::uint32_t first_keyframe = 0;
-  Nanoseconds made_ns = 0;  ///< stamp of the frame that it was made from
+  Nanoseconds made_ns = 0;               ///< stamp of the frame that it was made from
   std::uint64_t last_found_sequence = 0;
 };
 

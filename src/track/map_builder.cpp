@@ -99,7 +99,6 @@ Keyframe& MapBuilder::insert_keyframe(LocalMap& map, const PosedFeatures& posed,
       point.reference_octave = f.octave;
     } else if (enters_map(f)) {
       MapPoint point = new_point(posed, i, extractor);
-      point.first_keyframe = keyframe.id;
       point.suspect = f.label != Label::Static;
       kept.point = map.add_point(point);
       match.slot = kept.point.slot;

@@ -96,19 +96,6 @@ TEST_F(BoxCarrierTest, ItsOwnFrameGetsItsBoxUnchanged) {
 }
 
 /// The camera turns and walks on; the thing stands: the box lands where the thing is.
-TEST_F(BoxCarrierTest, AWeakDetectionKeepsAnObjectButMakesNone) {
-  carrier_ = BoxCarrier(camera_, 700 * kMs, 0.5);
-  Detection weak = seen({});
-  weak.score = 0.3f;
-  update(0, {weak});
-  EXPECT_TRUE(carry(0).empty());
-
-  update(33 * kMs, {seen({})});
-  for (int i = 2; i < 12; ++i) update(i * 33 * kMs, {weak});  // far more than the misses that end an object
-  ASSERT_EQ(carry(11 * 33 * kMs).size(), 1u);
-  expect_box(carry(11 * 33 * kMs)[0].box, weak.box);
-}
-
 TEST_F(BoxCarrierTest, AStandingThingIsFoundByAMovingCamera) {
   const Pose poses[] = {{exp_so3({0, 0.1, 0}), {}},
                         {exp_so3({0.08, 0, 0}), {}},

@@ -106,21 +106,6 @@ TEST(NanodetDecoder, ThresholdIsAScoreNotALogit) {
   EXPECT_EQ(decode(outputs, 0.37).size(), 0u);
 }
 
-TEST(NanodetDecoder, TakesWeakerObjectsOfMovingClassesOnly) {
-  Outputs outputs(2);
-  outputs.put(0, 0, 10, 10, -1, {1, 1, 1, 1});  // scores 0.27
-  outputs.put(0, 1, 20, 10, -1, {1, 1, 1, 1});
-  outputs.put(0, 0, 30, 10, -2, {1, 1, 1, 1});  // 0.12
-  const std::vector<ClassKind> kinds{ClassKind::Dynamic, ClassKind::SemiStatic};
-  const std::vector<NanodetDecoder::Head> heads = outputs.heads();
-  FixedVector<Detection, 64> out;
-  NanodetDecoder(kinds, 0.35, 0.6, 0.2).decode(heads, Letterbox(640, 480, kWidth, kHeight), out);
-  ASSERT_EQ(out.size(), 1u);
-  EXPECT_EQ(out[0].class_id, 0);
-  NanodetDecoder(kinds, 0.35, 0.6).decode(heads, Letterbox(640, 480, kWidth, kHeight), out);
-  EXPECT_EQ(out.size(), 0u);
-}
-
 TEST(NanodetDecoder, ClipsAndDropsWhatLiesOutside) {
   Outputs outputs(1);
   outputs.put(2, 0, 0, 4, 1.0f, {7, 1, 7, 1});   // over the left edge

@@ -50,7 +50,6 @@ TEST_F(MapBuilderTest, ANewKeyframeMakesPointsOfWhatHasDepth) {
   EXPECT_EQ(point->reference_octave, 2);
   EXPECT_EQ(hamming(point->descriptor, d), 0);
   EXPECT_EQ(hamming(k.descriptors[0], d), 0);
-  EXPECT_EQ(point->first_keyframe, k.id);
   EXPECT_EQ(point->last_found_sequence, 42u);
   EXPECT_FALSE(point->suspect);
 }
