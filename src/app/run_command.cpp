@@ -30,6 +30,11 @@ void add_run_command(CLI::App& app, Action& action) {
                                               "The detector looks at every n-th frame (lockstep)")
                                  ->check(CLI::Range(1, 1000))
                                  ->capture_default_str();
+  const CLI::Option* adjust = run_app
+                                  ->add_option("--adjust-delay", o->adjust_delay,
+                                               "Frames that the local map's adjustment comes late (lockstep)")
+                                  ->check(CLI::Range(0, 60))
+                                  ->capture_default_str();
   run_app->add_option("--loop", o->loops, "Times that a log is played, forwards and backwards in turn")
       ->check(CLI::Range(1, 100'000));
   run_app->add_option("--duration", o->duration_s, "Seconds of the source to use; 0: all")
@@ -42,14 +47,14 @@ void add_run_command(CLI::App& app, Action& action) {
   run_app->add_option("--record", o->record,
                       "New folder for a log of what the source delivers; pictures show people as they are");
   run_app->add_option("--listen", o->listen, "ADDR:PORT of the stream, or off");
-  run_app->callback([o, &action, delay, every] {
-    const bool timed = delay->count() + every->count() > 0;
+  run_app->callback([o, &action, delay, every, adjust] {
+    const bool timed = delay->count() + every->count() + adjust->count() > 0;
     action = [o, timed]() -> Status {
       if (!timed || o->mode == RunMode::Lockstep) return run(*o);
-      return Error{
-          ExitCode::WrongConfig,
-          "--detector-delay and --detector-every are lockstep's; in every other mode the detector takes the "
-          "time it takes; add --mode lockstep"};
+      return Error{ExitCode::WrongConfig,
+                   "--detector-delay, --detector-every and --adjust-delay are lockstep's; in every other "
+                   "mode the work "
+                   "takes the time it takes; add --mode lockstep"};
     };
   });
 }

@@ -11,6 +11,8 @@ const char* to_string(Stage stage) {
       return "detect";
     case Stage::Track:
       return "track";
+    case Stage::Adjust:
+      return "adjust";
     case Stage::Map:
       return "map";
     case Stage::Stream:

@@ -8,8 +8,8 @@
 
 namespace stillmap {
 
-enum class Stage : std::uint8_t { Capture, Detect, Track, Map, Stream, Health };
-constexpr int kStageCount = 6;
+enum class Stage : std::uint8_t { Capture, Detect, Track, Adjust, Map, Stream, Health };
+constexpr int kStageCount = 7;
 const char* to_string(Stage stage);
 
 /// What happened. Add codes at the end: they are written into logs.

@@ -44,6 +44,8 @@ void run_lockstep(RunContext& context) {
   Health health(context);
   const DetectorTiming& timing = context.options.detector;
   DelayedDetections delayed(timing.delay);
+  constexpr std::uint64_t kNever = ~std::uint64_t{0};
+  std::uint64_t adjust_at = kNever;
   health.ready();
   for (std::uint64_t n = 0; !context.stop.load(std::memory_order_relaxed);) {
     health.tick();
@@ -68,6 +70,12 @@ void run_lockstep(RunContext& context) {
     }
     if (auto* item = delayed.due(n)) context.stages.track.take_boxes(item->detected.boxes);
     const bool has_pose = track_frame(context, *frame);
+    if (context.stages.track.adjustment().waits() && adjust_at == kNever)
+      adjust_at = n + static_cast<std::uint64_t>(context.options.adjust_delay);
+    if (n >= adjust_at) {
+      adjust_map(context);
+      adjust_at = kNever;
+    }
     if (context.detector == nullptr) offer_picture(context, frame, {});
 
     const HeapScope scope(HeapOwner::Map);

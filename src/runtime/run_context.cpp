@@ -59,6 +59,13 @@ bool track_frame(RunContext& context, const FrameSlot& frame) {
   return result.has_pose();
 }
 
+void adjust_map(RunContext& context) {
+  const HeapScope scope(HeapOwner::Track);
+  const Nanoseconds begin = monotonic_now();
+  context.stages.track.adjustment().work();
+  context.adjust_log.run_time.add(monotonic_now() - begin);
+}
+
 void offer_picture(RunContext& context, const FrameHandle& frame, const Detections& own) {
   if (!context.stages.stream || !context.stages.stream->picture_wanted()) return;
   if (context.detector == nullptr && context.config.stream.preview != "full") return;

@@ -45,6 +45,7 @@ struct RunContext {
   RunCounters counters;
   TrackLog track_log;
   CaptureLog capture_log;
+  AdjustLog adjust_log;
   DetectLog detect_log;
   std::array<EventRing, kStageCount> events;
   Watchdog watchdog;
@@ -66,6 +67,9 @@ struct RunContext {
 /// One frame through tracking, with its counts, events and stream: what every mode does on its track thread.
 /// True when the frame has a pose.
 bool track_frame(RunContext& context, const FrameSlot& frame);
+
+/// The local map's adjustment, where one waits: what every mode does beside its track thread.
+void adjust_map(RunContext& context);
 
 /// What is given up now.
 inline const Quality& quality_now(const RunContext& context) {

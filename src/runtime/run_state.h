@@ -74,6 +74,11 @@ struct TrackLog {
   void note(const TrackingResult& result, TrackState before, Nanoseconds due_ns, RunCounters& counters);
 };
 
+/// What the adjustment's worker keeps.
+struct AdjustLog {
+  LatencyHistogram run_time;
+};
+
 /// What the detector's thread keeps.
 struct DetectLog {
   LatencyHistogram run_time;

@@ -38,8 +38,8 @@ struct Lanes {
   LatestValue<Detections> boxes_to_track;
   SpscRing<DetectedFrame, kDetectedRing> boxes_to_map;
   SpscRing<MapItem, kMapRing> to_map;
-  Waker decode_waker, capture_waker, track_waker, detect_waker, map_waker, main_waker;
-  std::atomic<bool> capture_done{false}, detect_end{false}, stream_end{false};
+  Waker decode_waker, capture_waker, track_waker, adjust_waker, detect_waker, map_waker, main_waker;
+  std::atomic<bool> capture_done{false}, workers_end{false}, stream_end{false};
   std::atomic<std::uint64_t> never_due{0};  // frames read ahead of a stop, which nobody gets
 };
 
@@ -208,6 +208,7 @@ void track_thread(RunContext& context, Lanes& lanes) {
       const AtWork working(context, Stage::Track);
       if (lanes.boxes_to_track.refresh()) context.stages.track.take_boxes(lanes.boxes_to_track.value());
       if (track_frame(context, *frame)) context.stages.track.fill_posed(frame, item.posed);
+      if (context.stages.track.adjustment().waits()) lanes.adjust_waker.wake();
       if (context.detector == nullptr) offer_picture(context, frame, {});
     }
     bool fits = true;
@@ -221,13 +222,26 @@ void track_thread(RunContext& context, Lanes& lanes) {
     if (context.mode != RunMode::Fast) adapt_quality(context, *frame, !fits || behind != behind_before);
     behind_before = behind;
   }
-  lanes.detect_end.store(true, std::memory_order_release);
+  lanes.workers_end.store(true, std::memory_order_release);
+  lanes.adjust_waker.wake();
   lanes.detect_waker.wake();
   push_waiting(lanes.to_map, Lanes::MapItem{{}, true}, lanes.map_waker, lanes.track_waker, nullptr);
 }
 
+void adjust_thread(RunContext& context, Lanes& lanes) {
+  while (!lanes.workers_end.load(std::memory_order_acquire)) {
+    const std::uint32_t ticket = lanes.adjust_waker.ticket();
+    if (!context.stages.track.adjustment().waits()) {
+      lanes.adjust_waker.wait(ticket, kIdleWait);
+      continue;
+    }
+    const AtWork working(context, Stage::Adjust);
+    adjust_map(context);
+  }
+}
+
 void detect_thread(RunContext& context, Lanes& lanes) {
-  while (!lanes.detect_end.load(std::memory_order_acquire)) {
+  while (!lanes.workers_end.load(std::memory_order_acquire)) {
     const std::uint32_t ticket = lanes.detect_waker.ticket();
     if (!lanes.to_detect.refresh()) {
       lanes.detect_waker.wait(ticket, kIdleWait);
@@ -302,7 +316,7 @@ void run_threads(RunContext& context) {
   std::vector<std::string> warnings;
   const Config::Threads usable = usable_threads(context.config.threads, warnings);
   for (const std::string& warning : warnings) health.warn(warning);
-  StageThread decode, capture, track, detect, map, stream;
+  StageThread decode, capture, track, adjust, detect, map, stream;
   const auto start = [&](StageThread& thread, ThreadRole role, void (*body)(RunContext&, Lanes&)) {
     thread.start(role, usable, context.config.memory.lock,
                  [&context, &lanes, body] { body(context, lanes); });
@@ -310,6 +324,7 @@ void run_threads(RunContext& context) {
   if (context.stages.stream) start(stream, ThreadRole::Stream, stream_thread);
   start(map, ThreadRole::Map, map_thread);
   if (context.detector != nullptr) start(detect, ThreadRole::Detect, detect_thread);
+  start(adjust, ThreadRole::Adjust, adjust_thread);
   start(track, ThreadRole::Track, track_thread);
   start(capture, ThreadRole::Capture, capture_thread);
   if (context.driver.describe().is_log) start(decode, ThreadRole::Decode, decode_thread);
@@ -325,6 +340,7 @@ void run_threads(RunContext& context) {
   decode.join();
   capture.join();
   track.join();
+  adjust.join();
   detect.join();
   map.join();
   while (auto item = lanes.decoded.try_pop()) lanes.never_due += item->frame ? 1 : 0;

@@ -65,6 +65,8 @@ const char* name_of(ThreadRole role) {
       return "capture";
     case ThreadRole::Track:
       return "track";
+    case ThreadRole::Adjust:
+      return "adjust";
     case ThreadRole::Map:
       return "map";
     case ThreadRole::Stream:

@@ -12,7 +12,7 @@
 namespace stillmap {
 
 /// What a thread does decides its name, its core and its priority.
-enum class ThreadRole { Decode, Capture, Track, Map, Stream, Detect };
+enum class ThreadRole { Decode, Capture, Track, Adjust, Map, Stream, Detect };
 /// As `top -H` shows it.
 const char* name_of(ThreadRole role);
 

@@ -37,6 +37,9 @@ class TrackStage {
   /// The frame just stepped, for the map; only when it has a pose.
   void fill_posed(const FrameHandle& frame, PosedFrame& out) const;
 
+  /// What a worker does beside the track thread.
+  LocalAdjustment& adjustment() { return tracker_.adjustment(); }
+
   void set_feature_share(double share) { tracker_.set_feature_share(share); }
 
   /// The camera in the robot's base, where the configuration knows it.

@@ -24,7 +24,7 @@ class Watchdog {
   }
   /// A stage will hardly come back: only a restart helps. A camera that says nothing is left to its driver.
   bool stuck(Nanoseconds now) const {
-    for (const Stage stage : {Stage::Detect, Stage::Track, Stage::Map, Stage::Stream}) {
+    for (const Stage stage : {Stage::Detect, Stage::Track, Stage::Adjust, Stage::Map, Stage::Stream}) {
       if (busy(stage, now) > kStuck) return true;
     }
     return false;
@@ -33,11 +33,11 @@ class Watchdog {
  private:
   std::atomic<Nanoseconds>& since_of(Stage stage) { return since_[static_cast<std::size_t>(stage)]; }
   static constexpr Nanoseconds kMillisecond = 1'000'000, kStuck = 10'000 * kMillisecond;
-  // By Stage: capture waits for a frame, the detector and the map may take several frames' time, the tracker
-  // not.
-  static constexpr std::array<Nanoseconds, kStageCount> kLimits{1'000 * kMillisecond, 2'000 * kMillisecond,
-                                                                300 * kMillisecond,   1'000 * kMillisecond,
-                                                                1'000 * kMillisecond, 1'000 * kMillisecond};
+  // By Stage: capture waits for a frame, the detector, the adjustment and the map may take several frames'
+  // time, the tracker not.
+  static constexpr std::array<Nanoseconds, kStageCount> kLimits{
+      1'000 * kMillisecond, 2'000 * kMillisecond, 300 * kMillisecond,  1'000 * kMillisecond,
+      1'000 * kMillisecond, 1'000 * kMillisecond, 1'000 * kMillisecond};
   std::array<std::atomic<Nanoseconds>, kStageCount> since_{};
 };
 

@@ -118,6 +118,12 @@ using Words = std::array<std::uint64_t, kLanes / 8>;
   return reinterpret_cast<U8>((c > earlier) & (c >= later)) & 1;
 }
 
+/// Where a parabola through three neighbours peaks, in 1/128 px from the middle one, which is above the
+/// first.
+std::int8_t peak_between(int before, int at, int after) {
+  return static_cast<std::int8_t>(64 * (after - before) / (2 * at - before - after));
+}
+
 }  // namespace
 
 STILLMAP_VECTOR_CLONES void fast_corners(ImageView<const std::uint8_t> image, int x0, int y0, int x1, int y1,
@@ -154,8 +160,11 @@ STILLMAP_VECTOR_CLONES void fast_corners(ImageView<const std::uint8_t> image, in
         for (; words[word] != 0; words[word] &= words[word] - 1) {
           const std::size_t at = x + 8 * word + static_cast<std::size_t>(std::countr_zero(words[word])) / 8;
           const auto score = static_cast<std::uint8_t>(rows[middle][at + 1] - 1);
+          const std::int8_t dx = peak_between(rows[middle][at], rows[middle][at + 1], rows[middle][at + 2]);
+          const std::int8_t dy =
+              peak_between(rows[oldest][at + 1], rows[middle][at + 1], rows[newest][at + 1]);
           if (!out.try_push_back({static_cast<std::int16_t>(x0 + static_cast<int>(at)),
-                                  static_cast<std::int16_t>(y - 1), score}))
+                                  static_cast<std::int16_t>(y - 1), score, dx, dy}))
             return;
         }
       }

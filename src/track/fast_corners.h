@@ -11,6 +11,9 @@ namespace stillmap {
 struct Corner {
   std::int16_t x = 0, y = 0;
   std::uint8_t score = 0;  ///< the largest threshold at which this still is a corner
+  /// Where between the pixels the score peaks, by a parabola along each axis; in 1/128 px, within half a
+  /// pixel.
+  std::int8_t dx = 0, dy = 0;
 };
 
 /// Corners of one cell; the strongest of a cell matter, so a full list keeps what came first and is counted

@@ -126,8 +126,8 @@ Feature FeatureExtractor::feature_at(int level, Corner corner) const {
   const ImageView<const std::uint8_t> image = pyramid_.image(level);
   // The same mapping of pixel centres as the resampling, with each level's true ratio after rounding its
   // size.
-  const double x = (corner.x + 0.5) * camera_.width / image.width - 0.5;
-  const double y = (corner.y + 0.5) * camera_.height / image.height - 0.5;
+  const double x = (corner.x + corner.dx / 128.0 + 0.5) * camera_.width / image.width - 0.5;
+  const double y = (corner.y + corner.dy / 128.0 + 0.5) * camera_.height / image.height - 0.5;
   const Vec2 ray = camera_.undistort({x, y});
   Feature f;
   f.x = static_cast<float>(x);

@@ -39,12 +39,15 @@ class FeatureExtractor {
   /// Of `track.features`, how much is looked for from the next frame on; 1 at first.
   void set_share(double share) { share_ = share; }
   double scale(int octave) const { return pyramid_.scale(octave); }
+  /// How well a corner is localised: 1 sigma, at full resolution.
+  double sigma_px(int octave) const { return kCornerSigma_px * scale(octave); }
 
  private:
   void extract_level(int level, std::size_t wanted, FrameFeatures& out);
   void collect_corners(int level, int columns, int rows, int cell_px);
   Feature feature_at(int level, Corner corner) const;
 
+  static constexpr double kCornerSigma_px = 0.65;  // in pixels of the corner's octave
   struct Ranked {
     Corner corner;
     std::uint16_t rank;  // how many stronger corners the same cell has

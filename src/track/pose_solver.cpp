@@ -5,6 +5,8 @@
 #include <Eigen/Core>
 #include <cmath>
 
+#include "track/least_squares.h"
+
 namespace stillmap {
 
 namespace {
@@ -13,8 +15,6 @@ using Vector6 = Eigen::Matrix<double, 6, 1>;
 using Matrix6 = Eigen::Matrix<double, 6, 6>;
 using Row6 = Eigen::Matrix<double, 1, 6>;
 
-// 95 % quantiles of chi-square with two and three degrees of freedom.
-constexpr double kChi2TwoDof = 5.991, kChi2ThreeDof = 7.815;
 constexpr int kRounds = 4, kIterationsPerRound = 5, kFewestObservations = 6, kFewestWithPrior = 3;
 
 /// Whitened residuals of one observation and the point in the camera frame they come from.
@@ -80,11 +80,6 @@ struct NormalEquations {
   }
 };
 
-Pose perturbed(const Pose& T, const Vector6& d) {
-  const Mat3 dR = exp_so3({d[0], d[1], d[2]});
-  return {orthonormalized(dR * T.R), dR * T.t + Vec3{d[3], d[4], d[5]}};
-}
-
 }  // namespace
 
 PoseEstimate solve_pose(std::span<PoseObservation> observations, const CameraModel& camera,
@@ -109,7 +104,7 @@ PoseEstimate solve_pose(std::span<PoseObservation> observations, const CameraMod
       const Eigen::LDLT<Matrix6> ldlt(equations.H);
       if (ldlt.info() != Eigen::Success || ldlt.vectorD().minCoeff() <= 1e-9) return estimate;
       const Vector6 step = ldlt.solve(equations.b);
-      T = perturbed(T, step);
+      T = perturbed(T, {step[0], step[1], step[2], step[3], step[4], step[5]});
       if (!is_finite(T)) return estimate;
       if (step.squaredNorm() < 1e-14) break;
     }

@@ -17,9 +17,6 @@ constexpr SearchWindow kWide{.radius_px = 48, .max_distance = 60, .depth_share =
 constexpr SearchWindow kAroundSolution{.radius_px = 5, .max_distance = 80, .depth_share = 0.08};
 constexpr int kFewestToStart = 100;  // points of the first keyframe
 constexpr int kKeyframesPerTry = 6;  // keyframes compared per lost frame
-// FAST corners are found to whole pixels of their octave.
-constexpr double kCornerSigma_px = 0.8;
-
 constexpr Nanoseconds kKeyframeGap_ns = 60'000'000;
 
 /// The motion model's trust in itself: what a hand that jerks does to a constant velocity in this time.
@@ -47,6 +44,7 @@ Tracker::Tracker(Arena& arena, const Config& config)
       relocalizer_(arena, config.track, config.camera),
       semi_static_(arena, config.track, config.camera, kFeatureCapacity),
       motion_(arena, config.camera, kFeatureCapacity),
+      adjustment_(arena, config.camera, static_cast<std::size_t>(config.track.points)),
       matches_(arena.take<FeatureMatch>("matches", kFeatureCapacity)),
       observations_(arena.take<PoseObservation>("pose_observations", kFeatureCapacity)),
       observed_feature_(arena.take<std::uint16_t>("pose_observations.feature", kFeatureCapacity)) {
@@ -71,6 +69,7 @@ Pose Tracker::predict(Nanoseconds stamp_ns) const {
 }
 
 const TrackingResult& Tracker::track(const FrameSlot& slot, const DynamicMask& mask) {
+  take_adjustment();
   const Pose predicted = predict(slot.colour_ns);
   result_.sequence = slot.sequence;
   result_.stamp_ns = slot.colour_ns;
@@ -169,7 +168,7 @@ bool Tracker::match_and_solve(const SearchWindow& window, const Pose& T_odom_cam
     const MapPoint& point = map_.points()[static_cast<std::size_t>(matches_[i].slot)];
     const Feature& f = frame_.features[i];
     PoseObservation o{.p_world = point.p_odom, .ray_x = f.ray_x, .ray_y = f.ray_y};
-    o.sigma_px = kCornerSigma_px * extractor_.scale(f.octave);
+    o.sigma_px = extractor_.sigma_px(f.octave);
     if (f.depth_m > 0) {
       o.depth_m = f.depth_m;
       const Vec3 axis = T_odom_camera.R * Vec3{0, 0, 1};
@@ -234,6 +233,16 @@ void Tracker::insert_keyframe(const FrameSlot& slot) {
   keyframe_ns_ = keyframe.stamp_ns;
   result_.reference_keyframe = keyframe.id;
   result_.is_keyframe = true;
+  // What few points hold is better left where the motion model put it.
+  if (result_.state == TrackState::Tracking) adjustment_.offer(map_, extractor_);
+}
+
+void Tracker::take_adjustment() {
+  const std::optional<Pose> move = adjustment_.collect(map_);
+  if (!move) return;
+  for (PosedStamp& posed : history_) posed.T_odom_camera = *move * posed.T_odom_camera;
+  result_.T_odom_camera = *move * result_.T_odom_camera;
+  T_odom_keyframe_ = *move * T_odom_keyframe_;
 }
 
 void Tracker::count_labels() {

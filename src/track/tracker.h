@@ -13,6 +13,7 @@
 #include "track/depth_sampling.h"
 #include "track/feature_extractor.h"
 #include "track/feature_grid.h"
+#include "track/local_adjustment.h"
 #include "track/local_map.h"
 #include "track/map_builder.h"
 #include "track/motion_check.h"
@@ -38,6 +39,9 @@ class Tracker {
   /// Tracks one frame. `mask` says what moves in it. The result stays valid until the next call.
   const TrackingResult& track(const FrameSlot& frame, const DynamicMask& mask);
 
+  /// What a worker does for the local map beside tracking; `track` takes its results.
+  LocalAdjustment& adjustment() { return adjustment_; }
+
   /// Of `track.features`, how much is looked for from the next frame on: less, to save time.
   void set_feature_share(double share) { extractor_.set_share(share); }
 
@@ -55,6 +59,7 @@ class Tracker {
   bool match_and_solve(const SearchWindow& window, const Pose& T_odom_camera);
   bool relocalize();
   void label_features(const DynamicMask& mask);
+  void take_adjustment();
   void judge();
   bool wants_keyframe() const;
   void insert_keyframe(const FrameSlot& slot);
@@ -76,6 +81,7 @@ class Tracker {
   Relocalizer relocalizer_;
   SemiStaticCheck semi_static_;
   MotionCheck motion_;
+  LocalAdjustment adjustment_;
   std::span<FeatureMatch> matches_;
   ArenaVector<PoseObservation> observations_;
   std::span<std::uint16_t> observed_feature_;  // which feature observation i belongs to

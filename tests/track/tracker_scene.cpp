@@ -31,6 +31,7 @@ Tracked TrackerScene::step(int index, const Change& change) {
   if (change) change(index, scene, mask);
   const FrameSlot slot = scene.slot(static_cast<std::uint64_t>(index));
   const Tracked tracked{tracker.track(slot, mask), scene.truth.T_world_camera};
+  tracker.adjustment().work();
   EXPECT_TRUE(all_finite(tracked.result)) << "frame " << index;
   EXPECT_EQ(tracked.result.sequence, static_cast<std::uint64_t>(index));
   EXPECT_EQ(tracked.result.stamp_ns, scene.truth.stamp_ns);
