@@ -15,6 +15,7 @@ constexpr std::size_t kFeatureCapacity = Keyframe::kMaxFeatures;
 constexpr SearchWindow kAroundPrediction{.radius_px = 16, .max_distance = 70, .depth_share = 0.15};
 constexpr SearchWindow kWide{.radius_px = 48, .max_distance = 60, .depth_share = 0.25};
 constexpr SearchWindow kAroundSolution{.radius_px = 5, .max_distance = 80, .depth_share = 0.08};
+constexpr int kSurely = 100;         // inliers that no wrong pose has
 constexpr int kFewestToStart = 100;  // points of the first keyframe
 constexpr int kKeyframesPerTry = 6;  // keyframes compared per lost frame
 constexpr Nanoseconds kKeyframeGap_ns = 60'000'000;
@@ -96,6 +97,7 @@ const TrackingResult& Tracker::track(const FrameSlot& slot, const DynamicMask& m
     history_[1] = history_[0];
     history_[0] = {slot.colour_ns, result_.T_odom_camera};
     history_size_ = std::min(history_size_ + 1, 2);
+    inliers_before_ = result_.inliers;
     if (!result_.is_keyframe) {
       if (config_.track.dynamic_rule == DynamicRule::Silhouette)
         motion_.relabel(frame_, matches(), slot.colour_ns, result_.T_odom_camera, extractor_);
@@ -137,9 +139,7 @@ bool Tracker::localize(const FrameSlot& slot, const Pose& T_odom_camera_predicte
   if (!was_lost) {
     if (history_size_ == 2)
       prior_ = motion_prior(T_odom_camera_predicted, to_seconds(slot.colour_ns - history_[0].stamp_ns));
-    matcher_.project(map_, inverse(T_odom_camera_predicted));
-    found = match_and_solve(kAroundPrediction, T_odom_camera_predicted) ||
-            match_and_solve(kWide, T_odom_camera_predicted);
+    found = follow(T_odom_camera_predicted);
     if (!found && prior_) {
       // What there is corrects the motion model instead of replacing it.
       lost_by_looking_ = true;
@@ -156,6 +156,28 @@ bool Tracker::localize(const FrameSlot& slot, const Pose& T_odom_camera_predicte
   }
   matcher_.reproject(map_, inverse(result_.T_odom_camera));
   return match_and_solve(kAroundSolution, result_.T_odom_camera);
+}
+
+bool Tracker::follow(const Pose& T_odom_camera_predicted) {
+  matcher_.project(map_, inverse(T_odom_camera_predicted));
+  int best_inliers = 0;
+  Pose best;
+  const auto better = [&](const SearchWindow& window, const Pose& from) {
+    if (!match_and_solve(window, from) || estimate_.inliers <= best_inliers) return false;
+    best_inliers = estimate_.inliers;
+    best = result_.T_odom_camera;
+    return true;
+  };
+  better(kAroundPrediction, T_odom_camera_predicted);
+  if (best_inliers >= std::min(kSurely, inliers_before_ / 2)) return best_inliers > 0;
+  // A few wrong matches near a wrong prediction agree now and then: what is poor is compared with a wider
+  // look, and with one from where the camera was.
+  better(kWide, T_odom_camera_predicted);
+  matcher_.project(map_, inverse(history_[0].T_odom_camera));
+  const bool last_is_best = better(kWide, history_[0].T_odom_camera);
+  if (best_inliers == 0 || last_is_best) return best_inliers > 0;
+  matcher_.project(map_, inverse(best));
+  return match_and_solve(kAroundPrediction, best);
 }
 
 bool Tracker::match_and_solve(const SearchWindow& window, const Pose& T_odom_camera) {

@@ -56,6 +56,7 @@ class Tracker {
  private:
   void start_map(const FrameSlot& slot);
   bool localize(const FrameSlot& slot, const Pose& T_odom_camera_predicted);
+  bool follow(const Pose& T_odom_camera_predicted);
   bool match_and_solve(const SearchWindow& window, const Pose& T_odom_camera);
   bool relocalize();
   void label_features(const DynamicMask& mask);
@@ -95,6 +96,7 @@ class Tracker {
   };
   std::array<PosedStamp, 2> history_;
   int history_size_ = 0;
+  int inliers_before_ = 0;  // of the last posed frame
   bool lost_by_looking_ = false;    // this frame's features alone give no pose
   std::optional<PosePrior> prior_;  // of this frame, for when its features alone are not enough
   Pose T_odom_keyframe_;
