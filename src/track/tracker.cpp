@@ -17,7 +17,7 @@ constexpr SearchWindow kWide{.radius_px = 48, .max_distance = 60, .depth_share =
 constexpr SearchWindow kAroundSolution{.radius_px = 5, .max_distance = 80, .depth_share = 0.08};
 constexpr int kSurely = 100;         // inliers that no wrong pose has
 constexpr int kFewestToStart = 100;  // points of the first keyframe
-constexpr int kKeyframesPerTry = 6;  // keyframes compared per lost frame
+constexpr std::size_t kPlacesPerTry = 3;  // keyframes compared per lost frame, beside the newest
 constexpr Nanoseconds kKeyframeGap_ns = 60'000'000;
 
 /// The motion model's trust in itself: what a hand that jerks does to a constant velocity in this time.
@@ -42,6 +42,7 @@ Tracker::Tracker(Arena& arena, const Config& config)
            static_cast<std::size_t>(config.track.points)),
       matcher_(arena, config.track, config.camera),
       builder_(config.track, config.camera),
+      places_(arena, static_cast<std::size_t>(config.track.keyframes), kFeatureCapacity),
       relocalizer_(arena, config.track, config.camera),
       semi_static_(arena, config.track, config.camera, kFeatureCapacity),
       motion_(arena, config.camera, kFeatureCapacity),
@@ -216,18 +217,20 @@ bool Tracker::match_and_solve(const SearchWindow& window, const Pose& T_odom_cam
 }
 
 bool Tracker::relocalize() {
-  // The newest keyframe first: most often the camera has only jumped. Then the others in turn, a few per
-  // frame.
-  const std::span<Keyframe> keyframes = map_.keyframes();
-  for (int attempt = 0; attempt < kKeyframesPerTry; ++attempt) {
-    Keyframe* keyframe = map_.newest_keyframe();
-    if (attempt > 0) keyframe = &keyframes[next_keyframe_to_try_++ % keyframes.size()];
-    if (keyframe == nullptr || !keyframe->alive) continue;
+  const auto found_by = [&](const Keyframe& keyframe) {
     const std::optional<Pose> T_camera_odom = relocalizer_.relocalize(
-        map_, *keyframe, frame_, extractor_, random_for(result_.sequence + keyframe->id));
-    if (!T_camera_odom) continue;
+        map_, keyframe, frame_, extractor_, random_for(result_.sequence + keyframe.id));
+    if (!T_camera_odom) return false;
     matcher_.project(map_, *T_camera_odom);
-    if (match_and_solve(kAroundPrediction, inverse(*T_camera_odom))) return true;
+    return match_and_solve(kAroundPrediction, inverse(*T_camera_odom));
+  };
+  // The newest keyframe first: most often the camera has only jumped. Then those that look most alike.
+  const Keyframe* newest = map_.newest_keyframe();
+  if (newest != nullptr && found_by(*newest)) return true;
+  const std::span<const PlaceCandidate> alike = places_.query(frame_.descriptors);
+  for (const PlaceCandidate& place : alike.first(std::min(alike.size(), kPlacesPerTry))) {
+    const Keyframe& keyframe = map_.keyframes()[place.slot];
+    if (&keyframe != newest && found_by(keyframe)) return true;
   }
   return false;
 }
@@ -250,6 +253,8 @@ bool Tracker::wants_keyframe() const {
 void Tracker::insert_keyframe(const FrameSlot& slot) {
   builder_.cull_points(map_);
   const Keyframe& keyframe = builder_.insert_keyframe(map_, posed(slot), extractor_);
+  places_.insert(static_cast<std::size_t>(&keyframe - map_.keyframes().data()),
+                 std::span<const Descriptor>(keyframe.descriptors).first(keyframe.features.size()));
   T_odom_keyframe_ = keyframe.T_odom_camera;
   keyframe_points_ = keyframe.tracked_points;
   keyframe_ns_ = keyframe.stamp_ns;

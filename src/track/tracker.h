@@ -17,6 +17,7 @@
 #include "track/local_map.h"
 #include "track/map_builder.h"
 #include "track/motion_check.h"
+#include "track/place_index.h"
 #include "track/pose_solver.h"
 #include "track/projection_matcher.h"
 #include "track/relocalizer.h"
@@ -79,6 +80,7 @@ class Tracker {
   LocalMap map_;
   ProjectionMatcher matcher_;
   MapBuilder builder_;
+  PlaceIndex places_;
   Relocalizer relocalizer_;
   SemiStaticCheck semi_static_;
   MotionCheck motion_;
@@ -102,7 +104,6 @@ class Tracker {
   Pose T_odom_keyframe_;
   int keyframe_points_ = 0;
   Nanoseconds keyframe_ns_ = 0;
-  std::size_t next_keyframe_to_try_ = 0;
 };
 
 }  // namespace stillmap

@@ -1,0 +1,132 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "track/place_index.h"
+
+#include <algorithm>
+#include <cstdlib>
+#include <numeric>
+
+#include "core/check.h"
+#include "track/descriptor_pattern.h"
+
+namespace stillmap {
+
+namespace {
+
+constexpr int kMaxDistance = 24;  // Hamming, of 256: nearer than most corners' nearest stranger
+
+/// The descriptor's bits, those first that come out 0 as often as 1. A patch is turned until its bright side
+/// is at +x, so a pair that lies along x nearly always compares the same way (the mean of a bit correlates
+/// with its pair's extent in x by 0.96 on real pictures), and keys of such bits fall into few buckets.
+std::array<std::uint8_t, DescriptorPattern::kBits> most_even_bits() {
+  const DescriptorPattern pattern;
+  const DescriptorPattern::Pairs& pairs = pattern.at_angle(0);
+  std::array<std::uint8_t, DescriptorPattern::kBits> bits{};
+  std::iota(bits.begin(), bits.end(), std::uint8_t{0});
+  const auto extent = [&](std::uint8_t bit) { return std::abs(pairs[bit].x1 - pairs[bit].x0); };
+  std::stable_sort(bits.begin(), bits.end(),
+                   [&](std::uint8_t a, std::uint8_t b) { return extent(a) < extent(b); });
+  return bits;
+}
+
+}  // namespace
+
+std::uint16_t PlaceIndex::Table::key_of(const Descriptor& d) const {
+  std::uint32_t key = 0;
+  for (const std::uint8_t bit : bits) key = key << 1 | (d.bits[bit / 64] >> bit % 64 & 1);
+  return static_cast<std::uint16_t>(key);
+}
+
+PlaceIndex::PlaceIndex(Arena& arena, std::size_t keyframes, std::size_t features)
+    : features_(features),
+      places_(arena.take<Place>("places", keyframes)),
+      resembled_(arena.take<std::uint32_t>("places.resembled", keyframes)),
+      candidates_(arena.take<PlaceCandidate>("places.candidates", keyframes)) {
+  STILLMAP_CHECK(keyframes < 0xffff && features < 0xffff);
+  const auto even = most_even_bits();
+  for (std::size_t t = 0; t < kTables; ++t) {
+    Table& table = tables_[t];
+    for (std::size_t i = 0; i < kKeyBits; ++i) table.bits[i] = even[kTables * i + t];
+    table.heads = arena.take<std::uint32_t>("places.buckets", std::size_t{1} << kKeyBits);
+    table.next = arena.take<std::uint32_t>("places.chains", keyframes * features);
+    table.keys = arena.take<std::uint16_t>("places.keys", keyframes * features);
+  }
+  clear();
+}
+
+void PlaceIndex::clear() {
+  for (Table& table : tables_) std::fill(table.heads.begin(), table.heads.end(), kEnd);
+  for (Place& place : places_) place.descriptors = {};
+}
+
+void PlaceIndex::take_out(Table& table, Node node) {
+  Node* link = &table.heads[table.keys[at(node)]];
+  while (*link != kEnd && *link != node) link = &table.next[at(*link)];
+  if (*link == node) *link = table.next[at(node)];
+}
+
+void PlaceIndex::remove(std::size_t slot) {
+  Place& place = places_[slot];
+  const auto first = static_cast<Node>(slot << 16);
+  for (Table& table : tables_) {
+    for (Node i = 0; i < place.descriptors.size(); ++i) take_out(table, first + i);
+  }
+  place.descriptors = {};
+}
+
+void PlaceIndex::insert(std::size_t slot, std::span<const Descriptor> descriptors) {
+  remove(slot);
+  descriptors = descriptors.first(std::min(descriptors.size(), features_));
+  places_[slot].descriptors = descriptors;
+  const auto first = static_cast<Node>(slot << 16);
+  for (Table& table : tables_) {
+    for (Node i = 0; i < descriptors.size(); ++i) {
+      const std::uint16_t key = table.key_of(descriptors[i]);
+      Node& head = table.heads[key];
+      table.keys[at(first + i)] = key;
+      // The newest node is the head: what this keyframe repeats is kept once.
+      if (head != kEnd && slot_of(head) == slot) continue;
+      table.next[at(first + i)] = head;
+      head = first + i;
+    }
+  }
+}
+
+void PlaceIndex::vote(const Descriptor& d, std::uint32_t voter) {
+  resembled_.clear();
+  for (const Table& table : tables_) {
+    for (Node node = table.heads[table.key_of(d)]; node != kEnd; node = table.next[at(node)]) {
+      ++visited_;
+      Place& place = places_[slot_of(node)];
+      if (place.last_voter == voter) continue;
+      if (hamming(d, place.descriptors[feature_of(node)]) > kMaxDistance) continue;
+      place.last_voter = voter;
+      ++place.features;
+      static_cast<void>(resembled_.try_push_back(static_cast<std::uint32_t>(slot_of(node))));
+    }
+  }
+  const double share = 1 / static_cast<double>(resembled_.size());
+  for (const std::uint32_t slot : resembled_) places_[slot].votes += share;
+}
+
+std::span<const PlaceCandidate> PlaceIndex::query(std::span<const Descriptor> frame) {
+  visited_ = 0;
+  for (Place& place : places_) {
+    place.features = 0;
+    place.votes = 0;
+    place.last_voter = kEnd;
+  }
+  for (std::uint32_t voter = 0; voter < frame.size(); ++voter) vote(frame[voter], voter);
+  candidates_.clear();
+  for (std::size_t slot = 0; slot < places_.size(); ++slot) {
+    const Place& place = places_[slot];
+    if (place.features == 0) continue;
+    const double score = place.votes / static_cast<double>(frame.size());
+    static_cast<void>(candidates_.try_push_back({slot, place.features, score}));
+  }
+  std::sort(candidates_.begin(), candidates_.end(), [](const PlaceCandidate& a, const PlaceCandidate& b) {
+    return a.score != b.score ? a.score > b.score : a.slot < b.slot;
+  });
+  return candidates_;
+}
+
+}  // namespace stillmap

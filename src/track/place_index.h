@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+
+#include "core/arena.h"
+#include "core/feature.h"
+
+namespace stillmap {
+
+/// A keyframe that a frame may show again.
+struct PlaceCandidate {
+  std::size_t slot = 0;  ///< the keyframe's
+  int features = 0;      ///< of the frame that resemble one of the keyframe's
+  double score = 0;      ///< the keyframe's part of the frame's votes, 0 to 1
+};
+
+/// Recognises places by descriptors alone, without a vocabulary: locality-sensitive hashing (Indyk and
+/// Motwani, STOC 1998). Descriptors that agree in all sixteen bits of one of a few keys are compared in full.
+/// Each feature has one vote, which the keyframes that it resembles share: what is seen everywhere says
+/// nothing. Used by one thread; no heap after construction.
+///
+/// Time is bounded whatever the descriptors are: a bucket holds one feature per keyframe at most.
+class PlaceIndex {
+ public:
+  /// For `keyframes` keyframes with `features` features each (both below 65536); features beyond that are
+  /// left out.
+  PlaceIndex(Arena& arena, std::size_t keyframes, std::size_t features);
+
+  /// Keyframe `slot` looks like this now; what it looked like before is forgotten. The descriptors are not
+  /// copied: they must stay as they are as long as queries come and the slot is neither inserted again nor
+  /// removed. (The ring may write a new keyframe over them before it is inserted.)
+  void insert(std::size_t slot, std::span<const Descriptor> descriptors);
+  void remove(std::size_t slot);
+  void clear();
+
+  /// Keyframes that a frame with these descriptors resembles, best score first, ties by slot. Valid until the
+  /// next call.
+  std::span<const PlaceCandidate> query(std::span<const Descriptor> frame);
+  /// Features that the last query met in its buckets: what its time is made of.
+  std::uint64_t visited() const { return visited_; }
+
+  static constexpr std::size_t kTables = 5, kKeyBits = 16;
+
+ private:
+  /// One feature of one keyframe: slot << 16 | feature. Links of this form need no division to follow.
+  using Node = std::uint32_t;
+  static constexpr Node kEnd = ~Node{0};
+  /// Chains of nodes by key.
+  struct Table {
+    std::array<std::uint8_t, kKeyBits> bits{};  // of the descriptor, that make the key
+    std::span<Node> heads;                      // by key
+    std::span<Node> next;                       // by node
+    std::span<std::uint16_t> keys;              // by node: its descriptor may be gone when it is taken out
+    std::uint16_t key_of(const Descriptor& d) const;
+  };
+  struct Place {
+    std::span<const Descriptor> descriptors;
+    int features = 0;
+    double votes = 0;
+    std::uint32_t last_voter = 0;
+  };
+  static std::size_t slot_of(Node node) { return node >> 16; }
+  static std::size_t feature_of(Node node) { return node & 0xffff; }
+  std::size_t at(Node node) const { return slot_of(node) * features_ + feature_of(node); }
+  void take_out(Table& table, Node node);
+  void vote(const Descriptor& d, std::uint32_t voter);
+
+  std::size_t features_;
+  std::array<Table, kTables> tables_;
+  std::span<Place> places_;
+  ArenaVector<std::uint32_t> resembled_;  // keyframes, by the feature that votes
+  ArenaVector<PlaceCandidate> candidates_;
+  std::uint64_t visited_ = 0;
+};
+
+}  // namespace stillmap
