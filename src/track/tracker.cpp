@@ -15,8 +15,8 @@ constexpr std::size_t kFeatureCapacity = Keyframe::kMaxFeatures;
 constexpr SearchWindow kAroundPrediction{.radius_px = 16, .max_distance = 70, .depth_share = 0.15};
 constexpr SearchWindow kWide{.radius_px = 48, .max_distance = 60, .depth_share = 0.25};
 constexpr SearchWindow kAroundSolution{.radius_px = 5, .max_distance = 80, .depth_share = 0.08};
-constexpr int kSurely = 100;         // inliers that no wrong pose has
-constexpr int kFewestToStart = 100;  // points of the first keyframe
+constexpr int kSurely = 100;              // inliers that no wrong pose has
+constexpr int kFewestToStart = 100;       // points of the first keyframe
 constexpr std::size_t kPlacesPerTry = 3;  // keyframes compared per lost frame, beside the newest
 constexpr Nanoseconds kKeyframeGap_ns = 60'000'000;
 
@@ -161,24 +161,18 @@ bool Tracker::localize(const FrameSlot& slot, const Pose& T_odom_camera_predicte
 
 bool Tracker::follow(const Pose& T_odom_camera_predicted) {
   matcher_.project(map_, inverse(T_odom_camera_predicted));
-  int best_inliers = 0;
-  Pose best;
-  const auto better = [&](const SearchWindow& window, const Pose& from) {
-    if (!match_and_solve(window, from) || estimate_.inliers <= best_inliers) return false;
-    best_inliers = estimate_.inliers;
-    best = result_.T_odom_camera;
-    return true;
-  };
-  better(kAroundPrediction, T_odom_camera_predicted);
-  if (best_inliers >= std::min(kSurely, inliers_before_ / 2)) return best_inliers > 0;
-  // A few wrong matches near a wrong prediction agree now and then: what is poor is compared with a wider
-  // look, and with one from where the camera was.
-  better(kWide, T_odom_camera_predicted);
-  matcher_.project(map_, inverse(history_[0].T_odom_camera));
-  const bool last_is_best = better(kWide, history_[0].T_odom_camera);
-  if (best_inliers == 0 || last_is_best) return best_inliers > 0;
-  matcher_.project(map_, inverse(best));
-  return match_and_solve(kAroundPrediction, best);
+  const bool found = match_and_solve(kAroundPrediction, T_odom_camera_predicted) ||
+                     match_and_solve(kWide, T_odom_camera_predicted);
+  if (found && estimate_.inliers >= std::min(kSurely, inliers_before_ / 2)) return true;
+  // A few wrong matches around a wrong prediction agree now and then. What is poor gives way to what is sure:
+  // from a wider look, or from one around where the camera was.
+  const Pose poor = result_.T_odom_camera;
+  for (const Pose& from : {T_odom_camera_predicted, history_[0].T_odom_camera}) {
+    matcher_.project(map_, inverse(from));
+    if (match_and_solve(kWide, from) && estimate_.inliers >= kSurely) return true;
+  }
+  matcher_.project(map_, inverse(found ? poor : T_odom_camera_predicted));
+  return found && match_and_solve(kAroundPrediction, poor);
 }
 
 bool Tracker::match_and_solve(const SearchWindow& window, const Pose& T_odom_camera) {
@@ -222,7 +216,7 @@ bool Tracker::relocalize() {
         map_, keyframe, frame_, extractor_, random_for(result_.sequence + keyframe.id));
     if (!T_camera_odom) return false;
     matcher_.project(map_, *T_camera_odom);
-    return match_and_solve(kAroundPrediction, inverse(*T_camera_odom));
+    return match_and_solve(kAroundPrediction, inverse(*T_camera_odom)) && estimate_.inliers >= fewest_inliers;
   };
   // The newest keyframe first: most often the camera has only jumped. Then those that look most alike.
   const Keyframe* newest = map_.newest_keyframe();

@@ -98,7 +98,7 @@ class Tracker {
   };
   std::array<PosedStamp, 2> history_;
   int history_size_ = 0;
-  int inliers_before_ = 0;  // of the last posed frame
+  int inliers_before_ = 0;          // of the last posed frame
   bool lost_by_looking_ = false;    // this frame's features alone give no pose
   std::optional<PosePrior> prior_;  // of this frame, for when its features alone are not enough
   Pose T_odom_keyframe_;

@@ -67,6 +67,22 @@ bool linearize(const WindowObservation& o, const CameraModel& camera, const Pose
   return true;
 }
 
+// How much the fused place counts beside the keyframes' looks. Without it the adjustment bought nothing on
+// any log.
+constexpr double kFusedWeight = 2;
+
+Matrix3 fused_information(const WindowPoint& point) {
+  const std::array<double, 6>& i = point.information;
+  Matrix3 H;
+  H << i[0], i[1], i[2], i[1], i[3], i[4], i[2], i[4], i[5];
+  return kFusedWeight * H;
+}
+
+Vector3 from_fused(const WindowPoint& point, Vec3 p_odom) {
+  const Vec3 d = p_odom - point.p_odom_fused;
+  return {d.x, d.y, d.z};
+}
+
 /// The normal equations of one point and the views that see it.
 struct PointSystem {
   Matrix3 inverse_H;
@@ -81,14 +97,17 @@ struct PointSystem {
 };
 
 void build(std::span<const WindowObservation> looks, const CameraModel& camera, const Views& views,
-           Vec3 p_odom, double damping, PointSystem& system, CameraMatrix* S, CameraVector* g, double& cost) {
-  Matrix3 H = Matrix3::Zero();
-  system.b.setZero();
+           const WindowPoint& point, double damping, PointSystem& system, CameraMatrix* S, CameraVector* g,
+           double& cost) {
+  Matrix3 H = fused_information(point);
+  const Vector3 moved = from_fused(point, point.p_odom);
+  system.b = -H * moved;
+  cost += moved.dot(H * moved);
   system.count = 0;
   Linearized l;
   for (const WindowObservation& o : looks) {
     const WindowView& view = views[o.view];
-    if (!linearize(o, camera, view.T_camera_odom, p_odom, l)) continue;
+    if (!linearize(o, camera, view.T_camera_odom, point.p_odom, l)) continue;
     cost += l.cost;
     H.noalias() += l.weight * l.by_point.transpose() * l.by_point;
     system.b.noalias() -= l.weight * l.by_point.transpose() * l.residual;
@@ -128,12 +147,16 @@ void for_each_point(std::span<WindowObservation> all, Visit&& visit) {
 }
 
 double cost_of(std::span<WindowObservation> observations, const CameraModel& camera, const Views& views,
-               std::span<const Vec3> points) {
+               std::span<const WindowPoint> points, std::span<const Vec3> tried) {
   double cost = 0;
   Linearized l;
-  for (const WindowObservation& o : observations) {
-    if (linearize(o, camera, views[o.view].T_camera_odom, points[o.point], l)) cost += l.cost;
-  }
+  for_each_point(observations, [&](std::size_t point, std::span<const WindowObservation> looks) {
+    const Vector3 moved = from_fused(points[point], tried[point]);
+    cost += moved.dot(fused_information(points[point]) * moved);
+    for (const WindowObservation& o : looks) {
+      if (linearize(o, camera, views[o.view].T_camera_odom, tried[point], l)) cost += l.cost;
+    }
+  });
   return cost;
 }
 
@@ -157,7 +180,7 @@ void WindowAdjuster::adjust(AdjustmentWindow& window) {
     g.setZero();
     double cost = 0;
     for_each_point(observations, [&](std::size_t point, std::span<const WindowObservation> looks) {
-      build(looks, camera_, window.views, window.points[point].p_odom, damping, system, &S, &g, cost);
+      build(looks, camera_, window.views, window.points[point], damping, system, &S, &g, cost);
       eliminate(system, S, g);
     });
     if (window.cost_before < 0) window.cost_before = window.cost_after = cost;
@@ -174,14 +197,14 @@ void WindowAdjuster::adjust(AdjustmentWindow& window) {
     double ignored = 0;
     for_each_point(observations, [&](std::size_t point, std::span<const WindowObservation> looks) {
       const Vec3 p = window.points[point].p_odom;
-      build(looks, camera_, window.views, p, damping, system, nullptr, nullptr, ignored);
+      build(looks, camera_, window.views, window.points[point], damping, system, nullptr, nullptr, ignored);
       Vector3 b = system.b;
       for (const PointSystem::Coupling& c : system.couplings())
         b.noalias() -= c.W.transpose() * step.segment<6>(c.view);
       const Vector3 d = system.inverse_H * b;
       tried_points_[point] = p + Vec3{d[0], d[1], d[2]};
     });
-    const double tried_cost = cost_of(observations, camera_, tried, tried_points_);
+    const double tried_cost = cost_of(observations, camera_, tried, window.points, tried_points_);
     if (!(tried_cost < window.cost_after)) {  // also where it is not a number
       damping *= 100;
       continue;

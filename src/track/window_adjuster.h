@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <span>
 
@@ -30,6 +31,9 @@ struct WindowView {
 struct WindowPoint {
   PointRef ref;
   Vec3 p_odom;
+  /// What frames between the keyframes have told of it; `information` as in MapPoint.
+  Vec3 p_odom_fused = p_odom;
+  std::array<double, 6> information{};
 };
 
 /// A copy of the part of the local map that is adjusted together, so that it can be worked on while the map
@@ -48,8 +52,9 @@ struct AdjustmentWindow {
 
 /// Adjusts the window's free poses and points together: Levenberg-Marquardt over reprojection and depth, the
 /// points eliminated by the Schur complement (Triggs et al., "Bundle Adjustment: A Modern Synthesis", 1999,
-/// section 6), Huber weights as in `solve_pose`. The cost never ends above where it began. No heap; any one
-/// thread.
+/// section 6), Huber weights as in `solve_pose`. Each point is also held to where all its looks fused have
+/// put it: keyframes alone would forget nine frames of ten. The cost never ends above where it began. No
+/// heap; any one thread.
 class WindowAdjuster {
  public:
   WindowAdjuster(Arena& arena, const CameraModel& camera);

@@ -91,7 +91,9 @@ bool WindowSelector::select(LocalMap& map, const FeatureExtractor& extractor, Ad
       std::uint16_t& index = index_of_slot_[static_cast<std::size_t>(f.point.slot)];
       if (index == kAbsent) {
         // A point that no free view sees says nothing.
-        if (view.fixed || !window.points.try_push_back({f.point, point->p_odom})) continue;
+        if (view.fixed ||
+            !window.points.try_push_back({f.point, point->p_odom, point->p_odom, point->information}))
+          continue;
         index = static_cast<std::uint16_t>(window.points.size() - 1);
       }
       const double sigma_px = extractor.sigma_px(f.octave);
