@@ -14,6 +14,30 @@ using test::angle_between;
 using test::Corner;
 using test::corners_before;
 
+TEST(IsConvincing, EveryMeasureHasItsSay) {
+  ViewMatch sound;
+  sound.agreeing_pairs = 80;
+  sound.inliers = 150;
+  sound.depths = 350;
+  sound.agreeing_depths = 330;
+  sound.spread = 0.1;
+  sound.sigma_m = 0.016;
+  sound.sigma_rad = 0.011;
+  EXPECT_TRUE(LoopCloser::is_convincing(sound));
+  const auto but = [&](auto change) {
+    ViewMatch m = sound;
+    change(m);
+    return LoopCloser::is_convincing(m);
+  };
+  EXPECT_FALSE(but([](ViewMatch& m) { m.agreeing_pairs = 12; })) << "agree by chance";
+  EXPECT_FALSE(but([](ViewMatch& m) { m.inliers = 40; }));
+  EXPECT_FALSE(but([](ViewMatch& m) { m.depths = m.agreeing_depths = 30; })) << "hardly any depth to compare";
+  EXPECT_FALSE(but([](ViewMatch& m) { m.agreeing_depths = 240; })) << "another depth picture";
+  EXPECT_FALSE(but([](ViewMatch& m) { m.spread = 0.02; })) << "all on one thing";
+  EXPECT_FALSE(but([](ViewMatch& m) { m.sigma_m = 0.1; }));
+  EXPECT_FALSE(but([](ViewMatch& m) { m.sigma_rad = 0.05; }));
+}
+
 /// A walk that leaves a place and comes back to it, in made-up keyframes.
 class LoopCloserTest : public testing::Test {
  protected:

@@ -103,6 +103,12 @@ TEST_F(ViewMatcherTest, RepeatedTextureIsNoMatch) {
       wall.push_back({{0.1 * x, 0.1 * y, 2}, (x + y) % 2 == 0 ? mark : other_mark});
   }
   see_the_same(wall);
+  for (Keyframe* keyframe : {a.get(), b.get()}) {
+    for (std::size_t i = 0; i < keyframe->features.size(); ++i) {
+      for (int flips = 0; flips < 12; ++flips)
+        keyframe->descriptors[i].bits[random.below(4)] ^= std::uint64_t{1} << random.below(64);
+    }
+  }
   EXPECT_FALSE(convincing());
 }
 
