@@ -123,6 +123,8 @@ std::vector<Key> describe(Config& c) {
       {"track.points", &c.track.points, "", "map points kept", 1000, 200000},
       {"track.min_inliers", &c.track.min_inliers, "", "fewer: lost", 6, 500},
       {"track.weak_inliers", &c.track.weak_inliers, "", "fewer: weak", 6, 1000},
+      {"track.lost_s", &c.track.lost_s, "s", "lost for longer where there is enough to see: a new segment",
+       0.1, 3600},
       {"track.epipolar_threshold_px", &c.track.epipolar_threshold_px, "px",
        "a semi-static feature farther from its epipolar line moves (seed paper, eq. 3)", 0.1, 20},
       {"map.voxel_m", &c.map.voxel_m, "m", "edge of a voxel", 0.005, 0.5},

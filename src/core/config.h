@@ -73,6 +73,7 @@ struct Config {
     int points = 20000;
     int min_inliers = 20;
     int weak_inliers = 50;
+    double lost_s = 2;
     double epipolar_threshold_px = 1.5;
   } track;
   struct Map {

@@ -27,6 +27,7 @@ struct TrackingResult {
   Pose T_odom_camera;
   Pose T_map_odom;
   std::uint32_t correction_epoch = 0;
+  std::uint32_t segment = 0;  ///< counts from 1; after a long loss a new one begins at a predicted pose
   std::uint32_t reference_keyframe = 0;  ///< id of the keyframe that shares most points with this frame
   bool is_keyframe = false;
   int features = 0, matches = 0, inliers = 0;

@@ -19,8 +19,9 @@ void TrackLog::note(const TrackingResult& result, TrackState before, Nanoseconds
   if (result.state == TrackState::Lost) C::bump(counters.lost);
   if (!result.has_pose()) return;
   C::bump(result.state == TrackState::Tracking ? counters.tracked : counters.weak);
-  if (before == TrackState::Initializing) C::bump(counters.segments);
-  if (before == TrackState::Lost) C::bump(counters.relocalized);
+  const bool new_segment = result.segment != counters.segments.load(std::memory_order_relaxed);
+  if (new_segment) C::bump(counters.segments);
+  if (before == TrackState::Lost && !new_segment) C::bump(counters.relocalized);
   if (first_pose_ns == 0) first_pose_ns = now;
   capture_to_pose.add(now - due_ns);
   C::bump(counters.latency_us, static_cast<std::uint64_t>(std::max<Nanoseconds>(now - due_ns, 0) / 1000));

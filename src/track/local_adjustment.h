@@ -3,6 +3,7 @@
 
 #include <atomic>
 #include <optional>
+#include <utility>
 
 #include "core/arena.h"
 #include "track/window_adjuster.h"
@@ -28,10 +29,13 @@ class LocalAdjustment {
   /// what else is known of the present must follow; nothing where no result is there.
   std::optional<Pose> collect(LocalMap& map) {
     if (phase_.load(std::memory_order_acquire) != Phase::Adjusted) return std::nullopt;
-    const Pose move = WindowSelector::apply(window_, map);
+    std::optional<Pose> move;
+    if (!std::exchange(outdated_, false)) move = WindowSelector::apply(window_, map);
     phase_.store(Phase::Idle, std::memory_order_release);
     return move;
   }
+  /// The tracker's: the map has been mended otherwise, a window that is out is not to be taken back.
+  void outdate() { outdated_ = phase_.load(std::memory_order_acquire) != Phase::Idle; }
 
   /// Any thread: there is work.
   bool waits() const { return phase_.load(std::memory_order_acquire) == Phase::Offered; }
@@ -45,6 +49,7 @@ class LocalAdjustment {
  private:
   enum class Phase : std::uint8_t { Idle, Offered, Adjusted };
   std::atomic<Phase> phase_{Phase::Idle};
+  bool outdated_ = false;  // the tracker's
   AdjustmentWindow window_;
   WindowSelector selector_;
   WindowAdjuster adjuster_;

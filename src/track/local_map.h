@@ -72,6 +72,19 @@ class LocalMap {
   std::span<const Keyframe> keyframes() const { return keyframes_; }
   Keyframe* newest_keyframe();
 
+  /// What is added from now on is a segment of its own: tracking was lost, and nothing is known of how it
+  /// stands to what was there before.
+  void begin_segment() {
+    first_keyframe_of_segment_ = next_keyframe_id_;
+    first_point_of_segment_ = next_point_id_;
+  }
+  /// It is known now.
+  void join_segments() { first_keyframe_of_segment_ = first_point_of_segment_ = 0; }
+  /// Keyframes with an id below are of other segments.
+  std::uint32_t first_keyframe_of_segment() const { return first_keyframe_of_segment_; }
+  bool in_segment(const MapPoint& point) const { return point.id >= first_point_of_segment_; }
+  bool in_segment(const Keyframe& keyframe) const { return keyframe.id >= first_keyframe_of_segment_; }
+
   /// How many of a keyframe's points are alive.
   int living_points(const Keyframe& keyframe);
   void clear();
@@ -89,6 +102,7 @@ class LocalMap {
   std::size_t free_count_ = 0;
   std::span<Keyframe> keyframes_;
   std::uint32_t next_point_id_ = 1, next_keyframe_id_ = 1;
+  std::uint32_t first_keyframe_of_segment_ = 0, first_point_of_segment_ = 0;
   std::uint64_t points_high_water_ = 0, points_refused_ = 0, keyframes_high_water_ = 0,
                 keyframes_evicted_ = 0;
 };

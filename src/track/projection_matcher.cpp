@@ -52,7 +52,9 @@ void ProjectionMatcher::project(const LocalMap& map, const Pose& T_camera_odom) 
   const std::span<const MapPoint> points = map.points();
   Candidate candidate;
   for (std::size_t i = 0; i < points.size(); ++i) {
-    if (!points[i].alive || !project_point(points[i], T_camera_odom, camera_centre, candidate)) continue;
+    if (!points[i].alive || !map.in_segment(points[i]) ||
+        !project_point(points[i], T_camera_odom, camera_centre, candidate))
+      continue;
     candidate.slot = static_cast<std::int32_t>(i);
     static_cast<void>(candidates_.try_push_back(candidate));
   }

@@ -33,8 +33,8 @@ class ProjectionMatcher {
  public:
   ProjectionMatcher(Arena& arena, const Config::Track& config, const CameraModel& camera);
 
-  /// Projects every living point with `T_camera_odom` and keeps what falls into the picture at an octave and
-  /// angle at which it can be recognised. Call before `match`.
+  /// Projects every living point of the map's newest segment with `T_camera_odom` and keeps what falls into
+  /// the picture at an octave and angle at which it can be recognised. Call before `match`.
   void project(const LocalMap& map, const Pose& T_camera_odom);
   /// Projects what `project` kept once more, with a pose that is better known: cheaper, since most of the map
   /// is out of view.

@@ -47,6 +47,7 @@ Tracker::Tracker(Arena& arena, const Config& config)
       semi_static_(arena, config.track, config.camera, kFeatureCapacity),
       motion_(arena, config.camera, kFeatureCapacity),
       adjustment_(arena, config.camera, static_cast<std::size_t>(config.track.points)),
+      loops_(arena, config.track, config.camera),
       matches_(arena.take<FeatureMatch>("matches", kFeatureCapacity)),
       observations_(arena.take<PoseObservation>("pose_observations", kFeatureCapacity)),
       observed_feature_(arena.take<std::uint16_t>("pose_observations.feature", kFeatureCapacity)) {
@@ -93,8 +94,10 @@ const TrackingResult& Tracker::track(const FrameSlot& slot, const DynamicMask& m
   } else {
     result_.state = TrackState::Lost;
     result_.T_odom_camera = predicted;
+    start_segment(slot);
   }
   if (result_.has_pose()) {
+    lost_since_ns_ = 0;
     history_[1] = history_[0];
     history_[0] = {slot.colour_ns, result_.T_odom_camera};
     history_size_ = std::min(history_size_ + 1, 2);
@@ -106,6 +109,7 @@ const TrackingResult& Tracker::track(const FrameSlot& slot, const DynamicMask& m
       matcher_.count_visible(map_, slot.depth);
       if (wants_keyframe()) insert_keyframe(slot);
     }
+    close_loops(slot.sequence);
     motion_.remember(frame_, slot.colour_ns, result_.T_odom_camera);
     // Only with a pose: later frames are compared by the motion between.
     semi_static_.remember(frame_, matches());
@@ -126,10 +130,21 @@ void Tracker::start_map(const FrameSlot& slot) {
     return f.label == Label::Static && f.depth_m > 0;
   });
   if (usable < kFewestToStart) return;
+  std::fill(matches_.begin(), matches_.end(), FeatureMatch{});
+  map_.begin_segment();
+  ++result_.segment;
   result_.state = TrackState::Tracking;
   result_.inliers = static_cast<int>(usable);
   result_.rms_px = 0;
   insert_keyframe(slot);
+}
+
+/// Lost where nothing is known: what is seen from now on hangs together, whatever it has to do with the rest.
+void Tracker::start_segment(const FrameSlot& slot) {
+  if (static_cast<int>(frame_.features.size()) < kFewestToStart) return;
+  if (lost_since_ns_ == 0) lost_since_ns_ = slot.colour_ns;
+  if (to_seconds(slot.colour_ns - lost_since_ns_) < config_.track.lost_s) return;
+  start_map(slot);
 }
 
 bool Tracker::localize(const FrameSlot& slot, const Pose& T_odom_camera_predicted) {
@@ -216,7 +231,7 @@ bool Tracker::relocalize() {
         map_, keyframe, frame_, extractor_, random_for(result_.sequence + keyframe.id));
     if (!T_camera_odom) return false;
     matcher_.project(map_, *T_camera_odom);
-    return match_and_solve(kAroundPrediction, inverse(*T_camera_odom)) && estimate_.inliers >= fewest_inliers;
+    return match_and_solve(kAroundPrediction, inverse(*T_camera_odom));
   };
   // The newest keyframe first: most often the camera has only jumped. Then those that look most alike.
   const Keyframe* newest = map_.newest_keyframe();
@@ -224,7 +239,7 @@ bool Tracker::relocalize() {
   const std::span<const PlaceCandidate> alike = places_.query(frame_.descriptors);
   for (const PlaceCandidate& place : alike.first(std::min(alike.size(), kPlacesPerTry))) {
     const Keyframe& keyframe = map_.keyframes()[place.slot];
-    if (&keyframe != newest && found_by(keyframe)) return true;
+    if (&keyframe != newest && map_.in_segment(keyframe) && found_by(keyframe)) return true;
   }
   return false;
 }
@@ -247,8 +262,9 @@ bool Tracker::wants_keyframe() const {
 void Tracker::insert_keyframe(const FrameSlot& slot) {
   builder_.cull_points(map_);
   const Keyframe& keyframe = builder_.insert_keyframe(map_, posed(slot), extractor_);
-  places_.insert(static_cast<std::size_t>(&keyframe - map_.keyframes().data()),
-                 std::span<const Descriptor>(keyframe.descriptors).first(keyframe.features.size()));
+  const auto place = static_cast<std::size_t>(&keyframe - map_.keyframes().data());
+  places_.insert(place, std::span<const Descriptor>(keyframe.descriptors).first(keyframe.features.size()));
+  loops_.ask(map_, place, places_);
   T_odom_keyframe_ = keyframe.T_odom_camera;
   keyframe_points_ = keyframe.tracked_points;
   keyframe_ns_ = keyframe.stamp_ns;
@@ -256,6 +272,15 @@ void Tracker::insert_keyframe(const FrameSlot& slot) {
   result_.is_keyframe = true;
   // What few points hold is better left where the motion model put it.
   if (result_.state == TrackState::Tracking) adjustment_.offer(map_, extractor_);
+}
+
+void Tracker::close_loops(std::uint64_t sequence) {
+  const std::optional<Pose> moved = loops_.step(map_, random_for(sequence));
+  if (!moved) return;
+  // What lies behind has moved, the newest keyframe and with it odom has not.
+  result_.T_map_odom = result_.T_map_odom * *moved;
+  ++result_.correction_epoch;
+  adjustment_.outdate();
 }
 
 void Tracker::take_adjustment() {

@@ -15,6 +15,7 @@
 #include "track/feature_grid.h"
 #include "track/local_adjustment.h"
 #include "track/local_map.h"
+#include "track/loop_closing.h"
 #include "track/map_builder.h"
 #include "track/motion_check.h"
 #include "track/place_index.h"
@@ -56,12 +57,14 @@ class Tracker {
 
  private:
   void start_map(const FrameSlot& slot);
+  void start_segment(const FrameSlot& slot);
   bool localize(const FrameSlot& slot, const Pose& T_odom_camera_predicted);
   bool follow(const Pose& T_odom_camera_predicted);
   bool match_and_solve(const SearchWindow& window, const Pose& T_odom_camera);
   bool relocalize();
   void label_features(const DynamicMask& mask);
   void take_adjustment();
+  void close_loops(std::uint64_t sequence);
   void judge();
   bool wants_keyframe() const;
   void insert_keyframe(const FrameSlot& slot);
@@ -85,6 +88,7 @@ class Tracker {
   SemiStaticCheck semi_static_;
   MotionCheck motion_;
   LocalAdjustment adjustment_;
+  LoopClosing loops_;
   std::span<FeatureMatch> matches_;
   ArenaVector<PoseObservation> observations_;
   std::span<std::uint16_t> observed_feature_;  // which feature observation i belongs to
@@ -104,6 +108,7 @@ class Tracker {
   Pose T_odom_keyframe_;
   int keyframe_points_ = 0;
   Nanoseconds keyframe_ns_ = 0;
+  Nanoseconds lost_since_ns_ = 0;  // first frame of this loss in which there was enough to see; 0: none
 };
 
 }  // namespace stillmap

@@ -1,0 +1,119 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "track/loop_closer.h"
+
+#include <algorithm>
+
+namespace stillmap {
+
+namespace {
+
+constexpr std::uint32_t kApart = 15;      // keyframes between the two ends of a loop
+constexpr int kTied = 15;                 // shared points that already hold two keyframes together
+constexpr int kFewestResembling = 8;      // features, for a candidate
+constexpr std::uint32_t kSuccessive = 5;  // keyframes within which the next one must confirm
+
+constexpr int kFewestAgreeing = 20, kFewestInliers = 50, kFewestDepths = 60;
+constexpr double kAgreeingDepths = 0.8, kLeastSpread = 0.035;
+constexpr double kLargestSigma_m = 0.03, kLargestSigma_rad = 0.02;
+
+// Two sightings of one place differ by their own errors and by the odometry between them.
+constexpr double kOff_m = 0.06, kOff_rad = 0.05, kOdometryShare = 0.05;
+
+}  // namespace
+
+LoopCloser::LoopCloser(Arena& arena, const Config::Track& config, const CameraModel& camera)
+    : matcher_(arena, config, camera),
+      point_of_slot_(
+          arena.take<std::uint32_t>("loop_closer.points", static_cast<std::size_t>(config.points))) {}
+
+const Keyframe* LoopCloser::find(const LocalMap& map, KeyframeRef ref) {
+  const Keyframe& keyframe = map.keyframes()[ref.slot];
+  return keyframe.alive && keyframe.id == ref.id ? &keyframe : nullptr;
+}
+
+int LoopCloser::shared_points(const Keyframe& a, const Keyframe& b) {
+  std::fill(point_of_slot_.begin(), point_of_slot_.end(), 0u);
+  const auto known = [&](PointRef p) -> std::uint32_t& {
+    return point_of_slot_[static_cast<std::size_t>(p.slot)];
+  };
+  for (const KeyframeFeature& f : a.features) {
+    if (f.point.slot >= 0) known(f.point) = f.point.id;
+  }
+  return static_cast<int>(std::count_if(b.features.begin(), b.features.end(), [&](const KeyframeFeature& f) {
+    return f.point.slot >= 0 && known(f.point) == f.point.id;
+  }));
+}
+
+void LoopCloser::ask(const LocalMap& map, std::size_t slot, PlaceIndex& places, std::uint32_t segment_begin) {
+  ++counts_.asked;
+  if (busy()) {
+    ++counts_.skipped;
+    return;
+  }
+  const Keyframe& a = map.keyframes()[slot];
+  asking_ = {slot, a.id};
+  candidates_.clear();
+  next_ = 0;
+  begun_ = compared_ = false;
+  for (const PlaceCandidate& c : places.query({a.descriptors.data(), a.features.size()})) {
+    const Keyframe& b = map.keyframes()[c.slot];
+    if (c.features < kFewestResembling || !b.alive || b.id >= a.id) continue;
+    const bool apart = a.id - b.id >= kApart || b.id < segment_begin;
+    if (!apart || shared_points(a, b) >= kTied) continue;
+    if (!candidates_.try_push_back({c.slot, b.id})) break;
+  }
+}
+
+bool LoopCloser::is_convincing(const ViewMatch& m) {
+  return m.agreeing_pairs >= kFewestAgreeing && m.inliers >= kFewestInliers && m.depths >= kFewestDepths &&
+         m.agreeing_depths >= kAgreeingDepths * m.depths && m.spread >= kLeastSpread &&
+         m.sigma_m <= kLargestSigma_m && m.sigma_rad <= kLargestSigma_rad;
+}
+
+bool LoopCloser::confirms(const Sighting& earlier, const Sighting& now) const {
+  if (now.a - earlier.a > kSuccessive) return false;
+  const Pose T_now_earlier_a = inverse(now.T_odom_a) * earlier.T_odom_a;
+  const Pose T_earlier_now_b = inverse(earlier.T_odom_b) * now.T_odom_b;
+  const Pose off = T_now_earlier_a * earlier.T_a_b * T_earlier_now_b * inverse(now.T_a_b);
+  const double way_m = norm(T_now_earlier_a.t) + norm(T_earlier_now_b.t);
+  // The lever: an error in direction moves what is far.
+  const double reach_m = norm(now.T_a_b.t);
+  return norm(log_so3(off.R)) < kOff_rad &&
+         norm(off.t) < kOff_m + kOdometryShare * way_m + 0.5 * kOff_rad * reach_m;
+}
+
+std::optional<LoopEdge> LoopCloser::judge(const Keyframe& a, const Keyframe& b, const ViewMatch& match) {
+  ++counts_.verified;
+  const Sighting now{a.id, b.id, match.T_a_b, a.T_odom_camera, b.T_odom_camera};
+  const bool sure = sighting_ && confirms(*sighting_, now);
+  sighting_ = now;
+  if (!sure) return std::nullopt;
+  ++counts_.closed;
+  return LoopEdge{a.id, b.id, match.T_a_b, match.information, match.inliers};
+}
+
+std::optional<LoopEdge> LoopCloser::step(const LocalMap& map, Random random) {
+  if (!busy()) return std::nullopt;
+  const Keyframe *a = find(map, asking_), *b = find(map, candidates_[next_]);
+  if (a == nullptr || b == nullptr) {
+    // The ring has given a slot to another keyframe in the meantime.
+    next_ = a == nullptr ? candidates_.size() : next_ + 1;
+    begun_ = compared_ = false;
+    return std::nullopt;
+  }
+  if (!begun_) matcher_.begin();
+  begun_ = true;
+  if (!compared_) {
+    compared_ = matcher_.compare(*a, *b);
+    return std::nullopt;
+  }
+  begun_ = compared_ = false;
+  ++counts_.compared;
+  ++next_;
+  const std::optional<ViewMatch> match = matcher_.match(*a, *b, random);
+  if (!match || !is_convincing(*match)) return std::nullopt;
+  next_ = candidates_.size();  // the others see the same place
+  return judge(*a, *b, *match);
+}
+
+}  // namespace stillmap

@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+
+#include "core/arena.h"
+#include "core/camera.h"
+#include "core/config.h"
+#include "core/fixed_vector.h"
+#include "core/random.h"
+#include "track/local_map.h"
+#include "track/place_index.h"
+#include "track/view_matcher.h"
+
+namespace stillmap {
+
+/// Two keyframes that see the same place, and how they stand to each other.
+struct LoopEdge {
+  std::uint32_t keyframe_a = 0, keyframe_b = 0;  ///< ids; a is the newer one
+  Pose T_a_b;
+  /// Of T_a_b's left perturbation (rotation in rad, translation in m, in a's frame), row-major, as
+  /// PoseGraphEdge has it.
+  std::array<double, 36> information{};
+  int inliers = 0;
+};
+
+/// What became of the questions, counted.
+struct LoopCounts {
+  std::uint64_t asked = 0, skipped = 0;  ///< skipped: asked while an earlier question was at work
+  std::uint64_t compared = 0;            ///< pairs of keyframes
+  std::uint64_t verified = 0;            ///< of those, geometry agreed
+  std::uint64_t closed = 0;              ///< and the keyframe before said the same
+};
+
+/// Finds out whether the newest keyframe shows a place that the camera has seen before and is not tied to any
+/// more: candidates from the place index, geometric verification of each, and two successive keyframes that
+/// say the same. The same joins a segment that was begun after a loss to an older one.
+///
+/// Work comes in slices of a few milliseconds: `ask` once per keyframe, then `step` once per frame while
+/// `busy`. Used by one thread; no heap after construction.
+class LoopCloser {
+ public:
+  LoopCloser(Arena& arena, const Config::Track& config, const CameraModel& camera);
+
+  /// Asks for keyframe `slot` of `map`; nothing happens while busy. Keyframes with an id below
+  /// `segment_begin` are of older segments: however new, nothing ties them to this one. 0: there is but one.
+  void ask(const LocalMap& map, std::size_t slot, PlaceIndex& places, std::uint32_t segment_begin = 0);
+  bool busy() const { return next_ < candidates_.size(); }
+  /// The next slice of the question; a loop, once it is sure.
+  std::optional<LoopEdge> step(const LocalMap& map, Random random);
+  const LoopCounts& counts() const { return counts_; }
+
+  /// Whether geometry alone speaks for a match: enough inliers in number and spread, an accurate pose, and a
+  /// depth picture that agrees.
+  static bool is_convincing(const ViewMatch& match);
+
+ private:
+  static constexpr std::size_t kCandidates = 3;
+  struct KeyframeRef {
+    std::size_t slot = 0;
+    std::uint32_t id = 0;
+  };
+  struct Sighting {
+    std::uint32_t a = 0, b = 0;  // ids
+    Pose T_a_b, T_odom_a, T_odom_b;
+  };
+  static const Keyframe* find(const LocalMap& map, KeyframeRef ref);
+  int shared_points(const Keyframe& a, const Keyframe& b);
+  bool confirms(const Sighting& earlier, const Sighting& now) const;
+  std::optional<LoopEdge> judge(const Keyframe& a, const Keyframe& b, const ViewMatch& match);
+
+  ViewMatcher matcher_;
+  std::span<std::uint32_t> point_of_slot_;  // ids of the asking keyframe's points, by slot
+  KeyframeRef asking_;
+  FixedVector<KeyframeRef, kCandidates> candidates_;
+  std::size_t next_ = 0;  // candidate at work
+  bool begun_ = false, compared_ = false;
+  std::optional<Sighting> sighting_;  // the newest that geometry verified
+  LoopCounts counts_;
+};
+
+}  // namespace stillmap

@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <span>
+
+#include "core/arena.h"
+#include "track/local_map.h"
+#include "track/loop_closer.h"
+#include "track/pose_graph.h"
+
+namespace stillmap {
+
+/// Mends the local map after a loop: keyframes' poses by a pose graph, and each point with a keyframe that
+/// saw it. The newest keyframe stays where it is, so that odom does not jump; what moves is the past, and
+/// with it map -> odom. Used by the tracker's thread; no heap after construction.
+class LoopCorrection {
+ public:
+  LoopCorrection(Arena& arena, std::size_t keyframes, std::size_t points);
+
+  /// Begins with one more loop. Keyframes that share points, and successive ones, hold together as they stand
+  /// now; but nothing ties those with an id below `segment_begin` to the others. False where an end is no
+  /// longer in the map.
+  bool begin(const LocalMap& map, const LoopEdge& loop, std::uint32_t segment_begin = 0);
+  /// The next slice of the solution, some milliseconds; true while there are more. The map may grow
+  /// meanwhile.
+  bool step() { return graph_.step(); }
+  /// Takes the solution into the map. What map -> odom is to be multiplied by from the right, so that the
+  /// oldest keyframe stays where it is in the map's frame; nothing, with the map as it was, where the loop
+  /// did not fit the rest.
+  std::optional<Pose> apply(LocalMap& map);
+  const PoseGraphResult& result() const { return graph_.result(); }
+
+ private:
+  /// A keyframe in the graph; its place in `nodes_` is its node's number.
+  struct Node {
+    std::size_t slot = 0;
+    std::uint32_t id = 0;
+    Nanoseconds stamp_ns = 0;
+    Pose T_odom_camera;  // when the correction began
+    Pose T_moved_odom;   // takes what stood with it to where that belongs
+  };
+  std::optional<std::uint32_t> node_of(std::uint32_t keyframe_id) const;
+  void collect_nodes(const LocalMap& map);
+  Pose as_they_stand(std::uint32_t a, std::uint32_t b) const;
+  void tie_by_points(const LocalMap& map, std::uint32_t segment_begin);
+  bool add_loop(const LoopEdge& loop);
+  void move_points(LocalMap& map);
+
+  PoseGraph graph_;
+  ArenaVector<Node> nodes_;                 // by id
+  ArenaVector<LoopEdge> loops_;             // with both ends in the map
+  std::size_t newest_loop_ = 0;             // its edge in the graph
+  std::span<std::uint32_t> mark_of_point_;  // by slot
+};
+
+}  // namespace stillmap

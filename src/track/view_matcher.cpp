@@ -1,0 +1,252 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "track/view_matcher.h"
+
+#include <Eigen/Core>
+#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+
+#include "track/relocalizer.h"
+
+namespace stillmap {
+
+namespace {
+
+using Matrix6 = Eigen::Matrix<double, 6, 6, Eigen::RowMajor>;
+
+constexpr std::size_t kSlice = 250;  // features of a
+constexpr int kMaxDistance = 64;
+constexpr double kRatio = 0.9;
+constexpr int kSamples = 400;
+constexpr int kFewestPairs = 8;
+constexpr double kShortest_m = 0.1;  // between two points of a sample
+constexpr double kAgree_px = 5;      // at octave 0
+constexpr double kFirstRadius_px = 12, kLastRadius_px = 6;
+constexpr double kCornerSigma_px = 1.2;
+constexpr double kSameSpot_px = 12, kSameSpotSlope = 0.03;  // how far depth may differ within that, of itself
+// What the solver's covariance leaves out: lens, stamps, and errors that many features share.
+constexpr double kLeastSigma_rad = 0.01, kLeastSigma_m = 0.015;
+
+Vec3 point_of(const KeyframeFeature& f) {
+  return {f.ray_x * f.depth_m, f.ray_y * f.depth_m, f.depth_m};
+}
+
+}  // namespace
+
+ViewMatcher::ViewMatcher(Arena& arena, const Config::Track& config, const CameraModel& camera)
+    : camera_(camera),
+      best_of_a_(arena.take<Best>("view_matcher.best_a", Keyframe::kMaxFeatures)),
+      best_of_b_(arena.take<Best>("view_matcher.best_b", Keyframe::kMaxFeatures)),
+      pairs_(arena.take<Pair>("view_matcher.pairs", Keyframe::kMaxFeatures)),
+      observations_(arena.take<PoseObservation>("view_matcher.observations", Keyframe::kMaxFeatures)) {
+  double scale = 1;
+  for (double& s : scales_) {
+    s = scale;
+    scale *= config.scale_factor;
+  }
+}
+
+double ViewMatcher::depth_sigma_m(double z_m) const {
+  return 2 * camera_.depth_sigma_m(z_m) + 0.01;
+}
+
+void ViewMatcher::begin() {
+  compared_ = 0;
+  std::fill(best_of_a_.begin(), best_of_a_.end(), Best{});
+  std::fill(best_of_b_.begin(), best_of_b_.end(), Best{});
+}
+
+bool ViewMatcher::compare(const Keyframe& a, const Keyframe& b) {
+  const std::size_t end = std::min(compared_ + kSlice, a.features.size());
+  const auto note = [](Best& best, int distance, std::size_t other) {
+    if (distance < best.distance) {
+      best.second = best.distance;
+      best.distance = static_cast<std::int16_t>(distance);
+      best.other = static_cast<std::int16_t>(other);
+    } else if (distance < best.second) {
+      best.second = static_cast<std::int16_t>(distance);
+    }
+  };
+  for (; compared_ < end; ++compared_) {
+    if (a.features[compared_].depth_m <= 0) continue;
+    for (std::size_t j = 0; j < b.features.size(); ++j) {
+      if (b.features[j].depth_m <= 0) continue;
+      const int distance = hamming(a.descriptors[compared_], b.descriptors[j]);
+      note(best_of_a_[compared_], distance, j);
+      note(best_of_b_[j], distance, compared_);
+    }
+  }
+  return compared_ == a.features.size();
+}
+
+void ViewMatcher::collect_pairs(const Keyframe& a, const Keyframe& b) {
+  pairs_.clear();
+  for (std::size_t i = 0; i < a.features.size(); ++i) {
+    const Best& best = best_of_a_[i];
+    if (best.other < 0 || best.distance > kMaxDistance || best.distance > kRatio * best.second) continue;
+    const auto j = static_cast<std::size_t>(best.other);
+    if (best_of_b_[j].other != static_cast<std::int16_t>(i)) continue;
+    static_cast<void>(
+        pairs_.try_push_back({point_of(a.features[i]), point_of(b.features[j]), a.features[i].octave}));
+  }
+}
+
+bool ViewMatcher::agrees(const Pair& pair, const Pose& T_a_b) const {
+  const Vec3 p = T_a_b * pair.p_b;
+  if (p.z < 0.1) return false;
+  const double du = camera_.fx * (p.x / p.z - pair.p_a.x / pair.p_a.z);
+  const double dv = camera_.fy * (p.y / p.z - pair.p_a.y / pair.p_a.z);
+  const double limit = kAgree_px * scale(pair.octave);
+  return du * du + dv * dv < limit * limit && std::abs(p.z - pair.p_a.z) < 3 * depth_sigma_m(p.z);
+}
+
+std::optional<Pose> ViewMatcher::sample_motion(Random& random, int& agreeing) const {
+  std::optional<Pose> best;
+  agreeing = 0;
+  for (int round = 0; round < kSamples; ++round) {
+    std::array<Vec3, 3> from, to;
+    for (std::size_t i = 0; i < 3; ++i) {
+      const Pair& pair = pairs_[random.below(static_cast<std::uint32_t>(pairs_.size()))];
+      from[i] = pair.p_b;
+      to[i] = pair.p_a;
+    }
+    // A rigid motion keeps lengths: most wrong samples end here.
+    bool rigid = true;
+    for (std::size_t i = 0; i < 3 && rigid; ++i) {
+      const std::size_t j = (i + 1) % 3;
+      const double before = norm(from[i] - from[j]), after = norm(to[i] - to[j]);
+      rigid =
+          before > kShortest_m && std::abs(before - after) < depth_sigma_m(to[i].z) + depth_sigma_m(to[j].z);
+    }
+    if (!rigid) continue;
+    const std::optional<Pose> T = absolute_orientation(from, to);
+    if (!T) continue;
+    const auto count = static_cast<int>(
+        std::count_if(pairs_.begin(), pairs_.end(), [&](const Pair& p) { return agrees(p, *T); }));
+    if (count > agreeing) {
+      agreeing = count;
+      best = T;
+    }
+  }
+  return best;
+}
+
+void ViewMatcher::observe_pairs(const Pose& T_a_b) {
+  observations_.clear();
+  for (const Pair& pair : pairs_) {
+    if (!agrees(pair, T_a_b)) continue;
+    static_cast<void>(observations_.try_push_back({pair.p_b, pair.p_a.x / pair.p_a.z, pair.p_a.y / pair.p_a.z,
+                                                   kCornerSigma_px * scale(pair.octave), pair.p_a.z,
+                                                   depth_sigma_m(pair.p_a.z)}));
+  }
+}
+
+void ViewMatcher::match_around(const Pose& T_a_b, const Keyframe& a, const Keyframe& b, double radius_px) {
+  observations_.clear();
+  // Each feature of a is taken by the feature of b that looks most like it.
+  std::fill(best_of_a_.begin(), best_of_a_.end(), Best{});
+  for (std::size_t j = 0; j < b.features.size(); ++j) {
+    if (b.features[j].depth_m <= 0) continue;
+    const Vec3 p = T_a_b * point_of(b.features[j]);
+    if (p.z < 0.1) continue;
+    int nearest = kMaxDistance + 1;
+    std::size_t found = 0;
+    const double x = p.x / p.z, y = p.y / p.z;
+    for (std::size_t i = 0; i < a.features.size(); ++i) {
+      const KeyframeFeature& f = a.features[i];
+      const double radius = radius_px * scale(f.octave), du = camera_.fx * (f.ray_x - x);
+      if (std::abs(du) > radius || std::abs(camera_.fy * (f.ray_y - y)) > radius) continue;
+      if (f.depth_m > 0 && std::abs(f.depth_m - p.z) > 3 * depth_sigma_m(p.z)) continue;
+      const int distance = hamming(a.descriptors[i], b.descriptors[j]);
+      if (distance >= nearest) continue;
+      nearest = distance;
+      found = i;
+    }
+    if (nearest > kMaxDistance || nearest >= best_of_a_[found].distance) continue;
+    best_of_a_[found] = {static_cast<std::int16_t>(nearest), 257, static_cast<std::int16_t>(j)};
+  }
+  for (std::size_t i = 0; i < a.features.size(); ++i) {
+    if (best_of_a_[i].other < 0) continue;
+    const KeyframeFeature& f = a.features[i];
+    const Vec3 p_b = point_of(b.features[static_cast<std::size_t>(best_of_a_[i].other)]);
+    const double sigma_depth = f.depth_m > 0 ? depth_sigma_m(f.depth_m) : 0;
+    static_cast<void>(observations_.try_push_back(
+        {p_b, f.ray_x, f.ray_y, kCornerSigma_px * scale(f.octave), f.depth_m, sigma_depth}));
+  }
+}
+
+/// Depth speaks beside descriptors: another place seldom has the same depth in the same directions.
+void ViewMatcher::count_depths(const Keyframe& a, const Keyframe& b, ViewMatch& out) const {
+  for (const KeyframeFeature& f : b.features) {
+    const Vec3 p = out.T_a_b * point_of(f);
+    if (f.depth_m <= 0 || p.z < 0.1) continue;
+    const double u = camera_.fx * p.x / p.z, v = camera_.fy * p.y / p.z;
+    if (u < -camera_.cx || v < -camera_.cy || u > camera_.width - camera_.cx ||
+        v > camera_.height - camera_.cy)
+      continue;
+    ++out.in_view;
+    double nearest = kSameSpot_px * kSameSpot_px, depth = 0;
+    for (const KeyframeFeature& g : a.features) {
+      const double du = camera_.fx * g.ray_x - u, dv = camera_.fy * g.ray_y - v;
+      if (g.depth_m <= 0 || du * du + dv * dv >= nearest) continue;
+      nearest = du * du + dv * dv;
+      depth = g.depth_m;
+    }
+    if (depth <= 0) continue;
+    ++out.depths;
+    out.agreeing_depths += std::abs(depth - p.z) < 3 * depth_sigma_m(p.z) + kSameSpotSlope * p.z;
+  }
+}
+
+/// Fills all of `out` but the counts of pairs.
+void ViewMatcher::weigh(const PoseEstimate& estimate, const Keyframe& a, const Keyframe& b,
+                        ViewMatch& out) const {
+  out.T_a_b = estimate.T_camera_world;
+  out.inliers = estimate.inliers;
+  Matrix6 covariance = Eigen::Map<const Matrix6>(estimate.covariance.data());
+  covariance.topLeftCorner<3, 3>().diagonal().array() += kLeastSigma_rad * kLeastSigma_rad;
+  covariance.bottomRightCorner<3, 3>().diagonal().array() += kLeastSigma_m * kLeastSigma_m;
+  Eigen::Map<Matrix6>(out.information.data()) = covariance.inverse();
+  const auto worst = [](const Eigen::Matrix3d& m) {
+    return std::sqrt(
+        Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(m, Eigen::EigenvaluesOnly).eigenvalues()[2]);
+  };
+  out.sigma_rad = worst(covariance.topLeftCorner<3, 3>());
+  out.sigma_m = worst(covariance.bottomRightCorner<3, 3>());
+
+  Eigen::Vector2d mean = Eigen::Vector2d::Zero();
+  Eigen::Matrix2d square = Eigen::Matrix2d::Zero();
+  for (const PoseObservation& o : observations_) {
+    if (!o.inlier) continue;
+    const Eigen::Vector2d p(camera_.fx * o.ray_x, camera_.fy * o.ray_y);
+    mean += p / estimate.inliers;
+    square += p * p.transpose() / estimate.inliers;
+  }
+  const Eigen::Matrix2d shape = square - mean * mean.transpose();
+  const double narrow =
+      Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(shape, Eigen::EigenvaluesOnly).eigenvalues()[0];
+  out.spread = std::sqrt(std::max(0.0, narrow)) / camera_.width;
+  count_depths(a, b, out);
+}
+
+std::optional<ViewMatch> ViewMatcher::match(const Keyframe& a, const Keyframe& b, Random random) {
+  collect_pairs(a, b);
+  ViewMatch out;
+  out.pairs = static_cast<int>(pairs_.size());
+  if (out.pairs < kFewestPairs) return std::nullopt;
+  const std::optional<Pose> sampled = sample_motion(random, out.agreeing_pairs);
+  if (!sampled || out.agreeing_pairs < kFewestPairs) return std::nullopt;
+  observe_pairs(*sampled);
+  PoseEstimate estimate = solve_pose(observations_, camera_, *sampled);
+  for (const double radius_px : {kFirstRadius_px, kLastRadius_px}) {
+    if (!estimate.converged) return std::nullopt;
+    match_around(estimate.T_camera_world, a, b, radius_px);
+    estimate = solve_pose(observations_, camera_, estimate.T_camera_world);
+  }
+  if (!estimate.converged) return std::nullopt;
+  weigh(estimate, a, b, out);
+  return out;
+}
+
+}  // namespace stillmap

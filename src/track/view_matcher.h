@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <span>
+
+#include "core/arena.h"
+#include "core/camera.h"
+#include "core/config.h"
+#include "core/random.h"
+#include "track/local_map.h"
+#include "track/pose_solver.h"
+
+namespace stillmap {
+
+/// Where keyframe b was, as seen from keyframe a, and what speaks for it.
+struct ViewMatch {
+  Pose T_a_b;
+  /// Of T_a_b's left perturbation (rotation in rad, translation in m, in a's frame), row-major.
+  std::array<double, 36> information{};
+  int pairs = 0;            ///< features that are each other's best match
+  int agreeing_pairs = 0;   ///< of those, how many one rigid motion explains
+  int inliers = 0;          ///< features of a that are where b's features project to, and look alike
+  int in_view = 0;          ///< features of b that project into a's picture
+  int depths = 0;           ///< of those, how many fall where a has a depth
+  int agreeing_depths = 0;  ///< and how many have that depth
+  double spread = 0;        ///< of the inliers in a's picture: 1 sigma along the narrower axis, of its width
+  double sigma_m = 0, sigma_rad = 0;  ///< 1 sigma of T_a_b along its worst axis
+};
+
+/// Looks for the motion between two keyframes that may see the same place, with nothing known of it. It uses
+/// what the keyframes measured themselves, so neither drift nor the map's forgetting matters: descriptors are
+/// compared all with all, three-point absolute orientation in RANSAC, then matching around the motion found
+/// and a robust solve. Used by one thread; no heap after construction.
+class ViewMatcher {
+ public:
+  ViewMatcher(Arena& arena, const Config::Track& config, const CameraModel& camera);
+
+  /// Begins a comparison.
+  void begin();
+  /// Compares the next slice of a's descriptors with b's; true when all are compared. A slice is about three
+  /// million instructions.
+  bool compare(const Keyframe& a, const Keyframe& b);
+  /// The motion that the compared descriptors speak for, if any; whether to believe it is the caller's
+  /// choice.
+  std::optional<ViewMatch> match(const Keyframe& a, const Keyframe& b, Random random);
+
+ private:
+  struct Best {
+    std::int16_t distance = 257, second = 257;
+    std::int16_t other = -1;
+  };
+  struct Pair {
+    Vec3 p_a, p_b;
+    std::uint8_t octave = 0;  // in a
+  };
+  void collect_pairs(const Keyframe& a, const Keyframe& b);
+  std::optional<Pose> sample_motion(Random& random, int& agreeing) const;
+  bool agrees(const Pair& pair, const Pose& T_a_b) const;
+  void observe_pairs(const Pose& T_a_b);
+  void match_around(const Pose& T_a_b, const Keyframe& a, const Keyframe& b, double radius_px);
+  void count_depths(const Keyframe& a, const Keyframe& b, ViewMatch& out) const;
+  void weigh(const PoseEstimate& estimate, const Keyframe& a, const Keyframe& b, ViewMatch& out) const;
+  double scale(int octave) const { return scales_[static_cast<std::size_t>(octave)]; }
+  double depth_sigma_m(double z_m) const;
+
+  CameraModel camera_;
+  std::array<double, 256> scales_{};
+  std::span<Best> best_of_a_, best_of_b_;
+  std::size_t compared_ = 0;
+  ArenaVector<Pair> pairs_;
+  ArenaVector<PoseObservation> observations_;
+};
+
+}  // namespace stillmap

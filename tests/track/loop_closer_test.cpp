@@ -1,0 +1,197 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "track/loop_closer.h"
+
+#include <gtest/gtest.h>
+
+#include <vector>
+
+#include "keyframe_scene.h"
+
+namespace stillmap {
+namespace {
+
+using test::angle_between;
+using test::Corner;
+using test::corners_before;
+
+TEST(IsConvincing, EveryMeasureHasItsSay) {
+  ViewMatch sound;
+  sound.agreeing_pairs = 80;
+  sound.inliers = 150;
+  sound.depths = 350;
+  sound.agreeing_depths = 330;
+  sound.spread = 0.1;
+  sound.sigma_m = 0.016;
+  sound.sigma_rad = 0.011;
+  EXPECT_TRUE(LoopCloser::is_convincing(sound));
+  const auto but = [&](auto change) {
+    ViewMatch m = sound;
+    change(m);
+    return LoopCloser::is_convincing(m);
+  };
+  EXPECT_FALSE(but([](ViewMatch& m) { m.agreeing_pairs = 12; })) << "agree by chance";
+  EXPECT_FALSE(but([](ViewMatch& m) { m.inliers = 40; }));
+  EXPECT_FALSE(but([](ViewMatch& m) { m.depths = m.agreeing_depths = 30; })) << "hardly any depth to compare";
+  EXPECT_FALSE(but([](ViewMatch& m) { m.agreeing_depths = 240; })) << "another depth picture";
+  EXPECT_FALSE(but([](ViewMatch& m) { m.spread = 0.02; })) << "all on one thing";
+  EXPECT_FALSE(but([](ViewMatch& m) { m.sigma_m = 0.1; }));
+  EXPECT_FALSE(but([](ViewMatch& m) { m.sigma_rad = 0.05; }));
+}
+
+/// A walk that leaves a place and comes back to it, in made-up keyframes.
+class LoopCloserTest : public testing::Test {
+ protected:
+  static constexpr std::size_t kKeyframes = 40;
+
+  /// A keyframe of the ring at `T_world_camera`, as odometry with `drift` has it.
+  std::size_t add(const Pose& T_world_camera, const std::vector<Corner>& corners, const Pose& drift = {}) {
+    Keyframe& keyframe = map.add_keyframe();
+    test::see(config.camera, T_world_camera, corners, keyframe);
+    keyframe.T_odom_camera = drift * T_world_camera;
+    const auto slot = static_cast<std::size_t>(&keyframe - map.keyframes().data());
+    places.insert(slot, {keyframe.descriptors.data(), keyframe.features.size()});
+    return slot;
+  }
+  void walk_away(int keyframes) {
+    for (int i = 0; i < keyframes; ++i) {
+      const Pose T{{}, {10.0 + i, 0, 0}};
+      add(T, corners_before(T, 100, random));
+    }
+  }
+  std::optional<LoopEdge> ask(std::size_t slot, std::uint32_t segment_begin = 0) {
+    closer.ask(map, slot, places, segment_begin);
+    std::optional<LoopEdge> found;
+    while (closer.busy()) {
+      if (const auto edge = closer.step(map, Random(3))) found = edge;
+    }
+    return found;
+  }
+  static Pose step(int i) { return {exp_so3({0, 0.03 * i, 0}), {0.08 * i, 0, 0.02 * i}}; }
+
+  Config config = test::synthetic_config();
+  Arena arena{test::kArenaBytes};
+  LocalMap map{arena, kKeyframes, static_cast<std::size_t>(config.track.points)};
+  PlaceIndex places{arena, kKeyframes, Keyframe::kMaxFeatures};
+  LoopCloser closer{arena, config.track, config.camera};
+  Random random{9};
+  std::vector<Corner> here = corners_before({}, 500, random);
+  const Pose kDrift{exp_so3({0.02, -0.05, 0.01}), {0.3, -0.2, 0.1}};
+};
+
+TEST_F(LoopCloserTest, TwoKeyframesThatComeBackCloseALoop) {
+  const std::size_t first = add(step(0), here), second = add(step(1), here);
+  walk_away(20);
+  const std::size_t third = add(step(2), here, kDrift);
+  EXPECT_FALSE(ask(third)) << "one sighting is not enough";
+  EXPECT_EQ(closer.counts().verified, 1u);
+  const std::size_t fourth = add(step(3), here, kDrift);
+  const auto edge = ask(fourth);
+  ASSERT_TRUE(edge);
+  EXPECT_EQ(edge->keyframe_a, map.keyframes()[fourth].id);
+  const std::uint32_t b = edge->keyframe_b;
+  ASSERT_TRUE(b == map.keyframes()[first].id || b == map.keyframes()[second].id);
+  const Pose truth = inverse(step(3)) * (b == map.keyframes()[first].id ? step(0) : step(1));
+  EXPECT_LT(norm(edge->T_a_b.t - truth.t), 1e-3) << "whatever the odometry says";
+  EXPECT_LT(angle_between(edge->T_a_b, truth), 1e-3);
+  EXPECT_GT(edge->inliers, 100);
+  EXPECT_EQ(closer.counts().closed, 1u);
+  EXPECT_TRUE(ask(add(step(4), here, kDrift))) << "and the next one confirms the one before";
+}
+
+TEST_F(LoopCloserTest, WhatWasSeenAMomentAgoIsNoLoop) {
+  add(step(0), here);
+  walk_away(3);
+  EXPECT_FALSE(ask(add(step(1), here)));
+  EXPECT_FALSE(ask(add(step(2), here)));
+  EXPECT_EQ(closer.counts().compared, 0u);
+}
+
+TEST_F(LoopCloserTest, ANewSegmentIsJoinedToAnOlderOneAtOnce) {
+  add(step(0), here);
+  add(step(1), here);
+  const Pose astray{exp_so3({0.4, 1, -2}), {-7, 3, 1}};
+  const std::size_t third = add(step(2), here, astray), fourth = add(step(3), here, astray);
+  const std::uint32_t segment_begin = map.keyframes()[third].id;
+  EXPECT_FALSE(ask(third, segment_begin));
+  const auto edge = ask(fourth, segment_begin);
+  ASSERT_TRUE(edge);
+  EXPECT_LT(edge->keyframe_b, segment_begin);
+}
+
+TEST_F(LoopCloserTest, KeyframesThatSharePointsNeedNoLoop) {
+  const std::size_t first = add(step(0), here);
+  walk_away(20);
+  const std::size_t back = add(step(0), here);
+  Keyframe &a = map.keyframes()[back], &b = map.keyframes()[first];
+  for (std::size_t i = 0; i < 20; ++i) {
+    const PointRef point = map.add_point({});
+    a.features[i].point = b.features[i].point = point;
+  }
+  EXPECT_FALSE(ask(back));
+  EXPECT_EQ(closer.counts().compared, 0u);
+  // The same slots, but the points have died and others live there.
+  for (std::size_t i = 0; i < 20; ++i) ++a.features[i].point.id;
+  ask(back);
+  EXPECT_GT(closer.counts().compared, 0u);
+}
+
+TEST_F(LoopCloserTest, SightingsThatDisagreeCloseNothing) {
+  add(step(0), here);
+  walk_away(20);
+  EXPECT_FALSE(ask(add(step(1), here, kDrift)));
+  // Odometry says that the camera has moved half a metre since; the place says that it has not.
+  const Pose jump{{}, {0.5, 0, 0}};
+  EXPECT_FALSE(ask(add(step(2), here, jump * kDrift)));
+  EXPECT_EQ(closer.counts().verified, 2u);
+  EXPECT_EQ(closer.counts().closed, 0u);
+}
+
+TEST_F(LoopCloserTest, AnOldSightingConfirmsNothing) {
+  add(step(0), here);
+  walk_away(16);
+  EXPECT_FALSE(ask(add(step(1), here)));
+  walk_away(10);
+  EXPECT_FALSE(ask(add(step(2), here))) << "too long ago";
+  EXPECT_EQ(closer.counts().verified, 2u);
+}
+
+TEST_F(LoopCloserTest, AQuestionTakesManySmallSlicesAndOneAtATime) {
+  add(step(0), here);
+  walk_away(20);
+  const std::size_t back = add(step(1), here);
+  closer.ask(map, back, places);
+  ASSERT_TRUE(closer.busy());
+  closer.ask(map, back, places);
+  EXPECT_EQ(closer.counts().skipped, 1u);
+  int slices = 0;
+  for (; closer.busy(); ++slices) closer.step(map, Random(3));
+  EXPECT_EQ(slices, 3) << "500 features in slices of 250, then the motion";
+  EXPECT_FALSE(closer.step(map, Random(3))) << "nothing asked";
+}
+
+TEST_F(LoopCloserTest, ARingThatMovesOnEndsTheQuestion) {
+  const std::size_t first = add(step(0), here);
+  walk_away(20);
+  const std::size_t back = add(step(1), here);
+  closer.ask(map, back, places);
+  closer.step(map, Random(3));
+  map.keyframes()[first].id = 1000;  // another keyframe lives there now
+  while (closer.busy()) EXPECT_FALSE(closer.step(map, Random(3)));
+  closer.ask(map, back, places);
+  map.keyframes()[back].alive = false;
+  closer.step(map, Random(3));
+  EXPECT_FALSE(closer.busy());
+  EXPECT_EQ(closer.counts().compared, 0u);
+}
+
+TEST_F(LoopCloserTest, ANewPlaceClosesNothing) {
+  for (int i = 0; i < 35; ++i) {
+    const Pose T{{}, {3.0 * i, 0, 0}};
+    EXPECT_FALSE(ask(add(T, corners_before(T, 300, random))));
+  }
+  EXPECT_EQ(closer.counts().asked, 35u);
+  EXPECT_EQ(closer.counts().verified, 0u);
+}
+
+}  // namespace
+}  // namespace stillmap
