@@ -7,10 +7,10 @@ namespace stillmap {
 
 namespace {
 
-constexpr std::uint32_t kApart = 15;      // keyframes between the two ends of a loop
-constexpr int kTied = 15;                 // shared points that already hold two keyframes together
-constexpr int kFewestResembling = 8;      // features, for a candidate
-constexpr std::uint32_t kSuccessive = 5;  // keyframes within which the next one must confirm
+constexpr std::uint32_t kApart = 15;       // keyframes between the two ends of a loop
+constexpr int kTied = 15;                  // shared points that already hold two keyframes together
+constexpr int kFewestResembling = 8;       // features, for a candidate
+constexpr std::uint32_t kSuccessive = 10;  // keyframes within which the next one must confirm
 
 constexpr int kFewestAgreeing = 20, kFewestInliers = 50, kFewestDepths = 60;
 constexpr double kAgreeingDepths = 0.8, kLeastSpread = 0.035;
@@ -62,6 +62,12 @@ void LoopCloser::ask(const LocalMap& map, std::size_t slot, PlaceIndex& places, 
     if (!apart || shared_points(a, b) >= kTied) continue;
     if (!candidates_.try_push_back({c.slot, b.id})) break;
   }
+  if (!sighting_) return;
+  // What the last sighting saw comes first: it waits to be confirmed.
+  const auto near = std::find_if(candidates_.begin(), candidates_.end(), [&](KeyframeRef c) {
+    return std::max(c.id, sighting_->b) - std::min(c.id, sighting_->b) < kApart;
+  });
+  if (near != candidates_.end()) std::rotate(candidates_.begin(), near, near + 1);
 }
 
 bool LoopCloser::is_convincing(const ViewMatch& m) {

@@ -6,6 +6,7 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "track/relocalizer.h"
 
@@ -18,7 +19,8 @@ using Matrix6 = Eigen::Matrix<double, 6, 6, Eigen::RowMajor>;
 constexpr std::size_t kSlice = 250;  // features of a
 constexpr int kMaxDistance = 64;
 constexpr double kRatio = 0.9;
-constexpr int kSamples = 400;
+constexpr int kRivalDistance = 72;  // no nearest one is refused for a second nearest beyond that
+constexpr int kSamples = 400, kFewestSamples = 20;
 constexpr int kFewestPairs = 8;
 constexpr double kShortest_m = 0.1;  // between two points of a sample
 constexpr double kAgree_px = 5;      // at octave 0
@@ -36,9 +38,11 @@ Vec3 point_of(const KeyframeFeature& f) {
 
 ViewMatcher::ViewMatcher(Arena& arena, const Config::Track& config, const CameraModel& camera)
     : camera_(camera),
+      levels_(config.levels),
       best_of_a_(arena.take<Best>("view_matcher.best_a", Keyframe::kMaxFeatures)),
       best_of_b_(arena.take<Best>("view_matcher.best_b", Keyframe::kMaxFeatures)),
       pairs_(arena.take<Pair>("view_matcher.pairs", Keyframe::kMaxFeatures)),
+      order_(arena.take<std::uint16_t>("view_matcher.order", Keyframe::kMaxFeatures)),
       observations_(arena.take<PoseObservation>("view_matcher.observations", Keyframe::kMaxFeatures)) {
   double scale = 1;
   for (double& s : scales_) {
@@ -68,11 +72,16 @@ bool ViewMatcher::compare(const Keyframe& a, const Keyframe& b) {
       best.second = static_cast<std::int16_t>(distance);
     }
   };
+  order_.clear();
+  for (std::size_t j = 0; j < b.features.size(); ++j) {
+    if (b.features[j].depth_m > 0) static_cast<void>(order_.try_push_back(static_cast<std::uint16_t>(j)));
+  }
   for (; compared_ < end; ++compared_) {
     if (a.features[compared_].depth_m <= 0) continue;
-    for (std::size_t j = 0; j < b.features.size(); ++j) {
-      if (b.features[j].depth_m <= 0) continue;
-      const int distance = hamming(a.descriptors[compared_], b.descriptors[j]);
+    const Descriptor d = a.descriptors[compared_];
+    for (const std::uint16_t j : order_) {
+      const int distance = hamming(d, b.descriptors[j]);
+      if (distance >= kRivalDistance) continue;
       note(best_of_a_[compared_], distance, j);
       note(best_of_b_[j], distance, compared_);
     }
@@ -104,7 +113,9 @@ bool ViewMatcher::agrees(const Pair& pair, const Pose& T_a_b) const {
 std::optional<Pose> ViewMatcher::sample_motion(Random& random, int& agreeing) const {
   std::optional<Pose> best;
   agreeing = 0;
-  for (int round = 0; round < kSamples; ++round) {
+  const auto pairs = static_cast<double>(pairs_.size());
+  double enough = kSamples;
+  for (int round = 0; round < enough; ++round) {
     std::array<Vec3, 3> from, to;
     for (std::size_t i = 0; i < 3; ++i) {
       const Pair& pair = pairs_[random.below(static_cast<std::uint32_t>(pairs_.size()))];
@@ -127,6 +138,8 @@ std::optional<Pose> ViewMatcher::sample_motion(Random& random, int& agreeing) co
     if (count > agreeing) {
       agreeing = count;
       best = T;
+      // So many samples that one in a hundred searches has none of three right pairs.
+      enough = std::min<double>(kSamples, kFewestSamples + 4.6 / std::pow(count / pairs, 3));
     }
   }
   return best;
@@ -142,8 +155,28 @@ void ViewMatcher::observe_pairs(const Pose& T_a_b) {
   }
 }
 
+/// Calls fn(i) for the features of `keyframe` within `radius` of x on the normalised plane; `order_` has them
+/// by x.
+template <class F>
+void ViewMatcher::for_each_near(const Keyframe& keyframe, double x, double radius, F fn) const {
+  const auto first =
+      std::lower_bound(order_.begin(), order_.end(), x - radius,
+                       [&](std::uint16_t i, double v) { return keyframe.features[i].ray_x < v; });
+  for (auto i = first; i != order_.end() && keyframe.features[*i].ray_x <= x + radius; ++i)
+    fn(static_cast<std::size_t>(*i));
+}
+
+void ViewMatcher::sort_by_x(const Keyframe& keyframe) {
+  order_.clear();
+  for (std::size_t i = 0; i < keyframe.features.size(); ++i)
+    static_cast<void>(order_.try_push_back(static_cast<std::uint16_t>(i)));
+  const auto x = [&](std::uint16_t i) { return std::pair(keyframe.features[i].ray_x, i); };
+  std::sort(order_.begin(), order_.end(), [&](std::uint16_t i, std::uint16_t j) { return x(i) < x(j); });
+}
+
 void ViewMatcher::match_around(const Pose& T_a_b, const Keyframe& a, const Keyframe& b, double radius_px) {
   observations_.clear();
+  const double widest = radius_px * scale(levels_ - 1) / camera_.fx;
   // Each feature of a is taken by the feature of b that looks most like it.
   std::fill(best_of_a_.begin(), best_of_a_.end(), Best{});
   for (std::size_t j = 0; j < b.features.size(); ++j) {
@@ -153,16 +186,16 @@ void ViewMatcher::match_around(const Pose& T_a_b, const Keyframe& a, const Keyfr
     int nearest = kMaxDistance + 1;
     std::size_t found = 0;
     const double x = p.x / p.z, y = p.y / p.z;
-    for (std::size_t i = 0; i < a.features.size(); ++i) {
+    for_each_near(a, x, widest, [&](std::size_t i) {
       const KeyframeFeature& f = a.features[i];
       const double radius = radius_px * scale(f.octave), du = camera_.fx * (f.ray_x - x);
-      if (std::abs(du) > radius || std::abs(camera_.fy * (f.ray_y - y)) > radius) continue;
-      if (f.depth_m > 0 && std::abs(f.depth_m - p.z) > 3 * depth_sigma_m(p.z)) continue;
+      if (std::abs(du) > radius || std::abs(camera_.fy * (f.ray_y - y)) > radius) return;
+      if (f.depth_m > 0 && std::abs(f.depth_m - p.z) > 3 * depth_sigma_m(p.z)) return;
       const int distance = hamming(a.descriptors[i], b.descriptors[j]);
-      if (distance >= nearest) continue;
+      if (distance >= nearest) return;
       nearest = distance;
       found = i;
-    }
+    });
     if (nearest > kMaxDistance || nearest >= best_of_a_[found].distance) continue;
     best_of_a_[found] = {static_cast<std::int16_t>(nearest), 257, static_cast<std::int16_t>(j)};
   }
@@ -187,12 +220,13 @@ void ViewMatcher::count_depths(const Keyframe& a, const Keyframe& b, ViewMatch& 
       continue;
     ++out.in_view;
     double nearest = kSameSpot_px * kSameSpot_px, depth = 0;
-    for (const KeyframeFeature& g : a.features) {
+    for_each_near(a, p.x / p.z, kSameSpot_px / camera_.fx, [&](std::size_t i) {
+      const KeyframeFeature& g = a.features[i];
       const double du = camera_.fx * g.ray_x - u, dv = camera_.fy * g.ray_y - v;
-      if (g.depth_m <= 0 || du * du + dv * dv >= nearest) continue;
+      if (g.depth_m <= 0 || du * du + dv * dv >= nearest) return;
       nearest = du * du + dv * dv;
       depth = g.depth_m;
-    }
+    });
     if (depth <= 0) continue;
     ++out.depths;
     out.agreeing_depths += std::abs(depth - p.z) < 3 * depth_sigma_m(p.z) + kSameSpotSlope * p.z;
@@ -238,6 +272,7 @@ std::optional<ViewMatch> ViewMatcher::match(const Keyframe& a, const Keyframe& b
   const std::optional<Pose> sampled = sample_motion(random, out.agreeing_pairs);
   if (!sampled || out.agreeing_pairs < kFewestPairs) return std::nullopt;
   observe_pairs(*sampled);
+  sort_by_x(a);
   PoseEstimate estimate = solve_pose(observations_, camera_, *sampled);
   for (const double radius_px : {kFirstRadius_px, kLastRadius_px}) {
     if (!estimate.converged) return std::nullopt;

@@ -40,8 +40,8 @@ class ViewMatcher {
 
   /// Begins a comparison.
   void begin();
-  /// Compares the next slice of a's descriptors with b's; true when all are compared. A slice is about three
-  /// million instructions.
+  /// Compares the next slice of a's descriptors with b's; true when all are compared. A slice is some
+  /// five million instructions.
   bool compare(const Keyframe& a, const Keyframe& b);
   /// The motion that the compared descriptors speak for, if any; whether to believe it is the caller's
   /// choice.
@@ -60,6 +60,9 @@ class ViewMatcher {
   std::optional<Pose> sample_motion(Random& random, int& agreeing) const;
   bool agrees(const Pair& pair, const Pose& T_a_b) const;
   void observe_pairs(const Pose& T_a_b);
+  void sort_by_x(const Keyframe& keyframe);
+  template <class F>
+  void for_each_near(const Keyframe& keyframe, double x, double radius, F fn) const;
   void match_around(const Pose& T_a_b, const Keyframe& a, const Keyframe& b, double radius_px);
   void count_depths(const Keyframe& a, const Keyframe& b, ViewMatch& out) const;
   void weigh(const PoseEstimate& estimate, const Keyframe& a, const Keyframe& b, ViewMatch& out) const;
@@ -67,10 +70,12 @@ class ViewMatcher {
   double depth_sigma_m(double z_m) const;
 
   CameraModel camera_;
+  int levels_;
   std::array<double, 256> scales_{};
   std::span<Best> best_of_a_, best_of_b_;
   std::size_t compared_ = 0;
   ArenaVector<Pair> pairs_;
+  ArenaVector<std::uint16_t> order_;  // of a keyframe's features, as the step at work needs them
   ArenaVector<PoseObservation> observations_;
 };
 
