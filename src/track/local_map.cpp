@@ -99,6 +99,12 @@ Keyframe& LocalMap::add_keyframe() {
   return *free;
 }
 
+const Keyframe* LocalMap::find_keyframe(std::uint32_t id) const {
+  const auto found = std::find_if(keyframes_.begin(), keyframes_.end(),
+                                  [id](const Keyframe& k) { return k.alive && k.id == id; });
+  return found == keyframes_.end() ? nullptr : &*found;
+}
+
 Keyframe* LocalMap::newest_keyframe() {
   Keyframe* newest = nullptr;
   for (Keyframe& k : keyframes_) {

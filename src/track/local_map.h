@@ -71,6 +71,8 @@ class LocalMap {
   std::span<Keyframe> keyframes() { return keyframes_; }
   std::span<const Keyframe> keyframes() const { return keyframes_; }
   Keyframe* newest_keyframe();
+  /// The keyframe with this id, or nullptr when it is gone.
+  const Keyframe* find_keyframe(std::uint32_t id) const;
 
   /// What is added from now on is a segment of its own: tracking was lost, and nothing is known of how it
   /// stands to what was there before.
