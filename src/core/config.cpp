@@ -11,6 +11,7 @@
 #include <string_view>
 #include <variant>
 
+#include "core/correction.h"
 #include "core/default_classes.h"
 
 namespace stillmap {
@@ -119,7 +120,7 @@ std::vector<Key> describe(Config& c) {
       {"track.fast_threshold", &c.track.fast_threshold, "grey levels", "corner contrast", 3, 100},
       {"track.fast_threshold_min", &c.track.fast_threshold_min, "grey levels",
        "corner contrast where a cell has none", 2, 100},
-      {"track.keyframes", &c.track.keyframes, "", "keyframes kept", 8, 1000},
+      {"track.keyframes", &c.track.keyframes, "", "keyframes kept", 8, Correction::kMaxKeyframes},
       {"track.points", &c.track.points, "", "map points kept", 1000, 200000},
       {"track.min_inliers", &c.track.min_inliers, "", "fewer: lost", 6, 500},
       {"track.weak_inliers", &c.track.weak_inliers, "", "fewer: weak", 6, 1000},
