@@ -130,6 +130,8 @@ std::vector<Key> describe(Config& c) {
       {"map.capacity_voxels", &c.map.capacity_voxels, "", "voxels in memory", 10000, 100'000'000},
       {"map.fuse_every", &c.map.fuse_every, "frames", "every n-th tracked frame is fused", 1, 100},
       {"map.max_range_m", &c.map.max_range_m, "m", "farther depth is not fused", 0.5, 20},
+      {"map.keyframe_copies", &c.map.keyframe_copies, "",
+       "small copies of keyframes, 96 KB each, to make the map anew from after a loop has closed", 0, 1000},
       {"map.save_timeout_s", &c.map.save_timeout_s, "s", "bound on writing the map at shutdown", 0.1, 600},
       {"map.checkpoint_s", &c.map.checkpoint_s, "s",
        "a map file is written this often while running; 0: never", 0, 86400},

@@ -11,7 +11,8 @@ BlockTable::BlockTable(Arena& arena, std::size_t blocks)
     : blocks_(arena.take<Block>("map_blocks", blocks)),
       voxels_(arena.take<Voxel>("map_voxels", blocks * kBlockVoxels)),
       slots_(arena.take<int>("map_hash_slots", std::bit_ceil(2 * blocks))),
-      candidates_(arena.take<Candidate>("map_eviction", blocks)) {}
+      candidates_(arena.take<Candidate>("map_eviction", blocks)),
+      free_(arena.take<int>("map_free_blocks", blocks)) {}
 
 void BlockTable::begin_frame(BlockCoordinates camera) {
   camera_ = camera;
@@ -37,24 +38,25 @@ int BlockTable::find(BlockCoordinates at) const {
   return slots_.empty() ? kNone : slots_[slot_of(at)] - 1;
 }
 
+bool BlockTable::found(int index) const {
+  return block(index).state != BlockState::Empty && find(block(index).at) == index;
+}
+
 int BlockTable::find_or_add(BlockCoordinates at, std::uint32_t anchor_keyframe) {
   std::size_t slot = slot_of(at);
-  if (slots_[slot] != 0) return slots_[slot] - 1;
-  int index = used_;
-  if (static_cast<std::size_t>(used_) < blocks_.size()) {
-    ++used_;
-  } else {
-    index = evict_one_farther_than(distance2_to_camera(at));
-    if (index == kNone) {
-      ++refused_;
-      return kNone;
-    }
-    slot = slot_of(at);  // evicting moves entries
+  if (slots_[slot] != 0 && block(slots_[slot] - 1).state == BlockState::Current) return slots_[slot] - 1;
+  const int index = take_index(distance2_to_camera(at));
+  if (index == kNone) {
+    ++refused_;
+    return kNone;
   }
+  slot = slot_of(at);  // evicting moves entries
   Block& made = blocks_[static_cast<std::size_t>(index)];
   made = {};
   made.at = at;
   made.anchor_keyframe = anchor_keyframe;
+  made.version = ++changes_;
+  made.made_epoch = epoch_;
   std::ranges::fill(voxels(index), Voxel{});
   slots_[slot] = index + 1;
   return index;
@@ -63,10 +65,30 @@ int BlockTable::find_or_add(BlockCoordinates at, std::uint32_t anchor_keyframe) 
 void BlockTable::note_fused(int index, std::uint64_t sequence, bool changed, int occupied) {
   Block& b = blocks_[static_cast<std::size_t>(index)];
   b.fused_sequence = sequence;
-  if (changed) b.changed_sequence = sequence;
+  if (changed) {
+    b.changed_sequence = sequence;
+    b.version = ++changes_;
+  }
   occupied_voxels_ += static_cast<std::uint64_t>(occupied);
   occupied_voxels_ -= b.occupied;
   b.occupied = static_cast<std::uint16_t>(occupied);
+}
+
+int BlockTable::take_index(std::int64_t distance2) {
+  if (free_count_ > 0) return free_[--free_count_];
+  if (static_cast<std::size_t>(used_) < blocks_.size()) return used_++;
+  return evict_one_farther_than(distance2);
+}
+
+void BlockTable::release(int index) {
+  unlist(index);
+  Block& b = blocks_[static_cast<std::size_t>(index)];
+  occupied_voxels_ -= b.occupied;
+  b.occupied = 0;
+  b.state = BlockState::Empty;
+  b.version = ++changes_;
+  std::ranges::fill(voxels(index), Voxel{});
+  free_[free_count_++] = index;
 }
 
 std::int64_t BlockTable::distance2_to_camera(BlockCoordinates at) const {
@@ -95,10 +117,15 @@ int BlockTable::evict_one_farther_than(std::int64_t distance2) {
   if (next_candidate_ == candidate_count_ || candidates_[next_candidate_].distance2 <= distance2)
     return kNone;
   const int index = candidates_[next_candidate_++].index;
-  erase_slot(slot_of(block(index).at));
+  unlist(index);
   occupied_voxels_ -= block(index).occupied;
   ++evicted_;
   return index;
+}
+
+void BlockTable::unlist(int index) {
+  const std::size_t slot = slot_of(block(index).at);
+  if (slots_[slot] == index + 1) erase_slot(slot);
 }
 
 void BlockTable::erase_slot(std::size_t slot) {
