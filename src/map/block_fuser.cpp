@@ -92,6 +92,7 @@ void BlockFuser::fuse_row(Vec3 begin_map, const Point& begin, const Point& step,
     if (pixels.u[i] >= 0) {
       const float s = static_cast<float>(i);
       const Point p{begin[0] + s * step[0], begin[1] + s * step[1], begin[2] + s * step[2]};
+      const Occupancy before = voxel.occupancy();
       switch (evidence(voxel, p[2], z_m_[static_cast<std::size_t>(pixels.v[i] * width_ + pixels.u[i])])) {
         case Evidence::None:
           break;
@@ -105,6 +106,7 @@ void BlockFuser::fuse_row(Vec3 begin_map, const Point& begin, const Point& step,
           if (const Bgr* colour = colour_at(p)) change.shown |= hit(voxel, *colour);
           break;
       }
+      change.known |= voxel.occupancy() != before;
     }
     change.occupied += static_cast<int>(voxel.occupied());
   }

@@ -30,6 +30,7 @@ class BlockFuser {
  public:
   struct Change {
     bool shown = false;  ///< occupied voxels appeared, disappeared or changed colour
+    bool known = false;  ///< a voxel's occupancy changed
     int occupied = 0;    ///< occupied voxels after the fusion
   };
 

@@ -67,17 +67,18 @@ void MapCorrector::note(const Fused& frame) {
   }
 }
 
-void MapCorrector::correct(const Correction& correction) {
+bool MapCorrector::correct(const Correction& correction) {
   epoch_ = correction.epoch;
   if (phase_ == Phase::Touch) move_copies();  // by the correction before
   if (!poses_.correct(correction, kTolerance * voxel_m_)) {
     if (phase_ == Phase::Touch) begin(Phase::Fuse);
-    return;
+    return false;
   }
   make_old_what_moves();
   table_.begin_epoch(epoch_);
   if (!busy()) since_epoch_ = epoch_;
   begin(Phase::Touch);
+  return true;
 }
 
 void MapCorrector::begin(Phase phase) {
@@ -187,6 +188,7 @@ void MapCorrector::fuse_copy(const KeyframeCopies::Copy& copy, std::uint16_t fra
       continue;
     const BlockFuser::Change change = fuser_.fuse(block.at, table_.voxels(i));
     table_.note_fused(i, sequence_, change.shown, change.occupied);
+    if (change.known) table_.publish(i);
   }
 }
 
@@ -238,6 +240,7 @@ void MapCorrector::move_block(int index) {
     if (voxel.log_odds != 0) return;
     voxel = voxels[from];
     voxel.last_hit = 0;  // of another place
+    table_.publish(there, place_in_block(to));
     if (voxel.occupied())
       table_.note_fused(there, block.fused_sequence, true, table_.block(there).occupied + 1);
   });

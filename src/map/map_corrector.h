@@ -44,7 +44,8 @@ class MapCorrector {
   };
   void note(const Fused& frame);
 
-  void correct(const Correction& correction);
+  /// False where nothing moves.
+  bool correct(const Correction& correction);
   /// The epoch of the newest correction.
   std::uint32_t epoch() const { return epoch_; }
   /// Where the map has a keyframe in this epoch; null where it does not know it.

@@ -8,10 +8,6 @@ namespace stillmap {
 
 namespace {
 
-/// The far end of the map: voxel coordinates stay well inside 32 bits at any voxel size that the
-/// configuration takes.
-constexpr double kMaxDistance_m = 1e6;
-
 bool is_usable(const Pose& T) {
   if (!is_finite(T)) return false;
   const Mat3 identity = T.R * transposed(T.R);
@@ -20,7 +16,7 @@ bool is_usable(const Pose& T) {
       if (std::abs(identity(r, c) - (r == c ? 1 : 0)) > 1e-3) return false;
     }
   }
-  return std::max({std::abs(T.t.x), std::abs(T.t.y), std::abs(T.t.z)}) <= kMaxDistance_m;
+  return std::max({std::abs(T.t.x), std::abs(T.t.y), std::abs(T.t.z)}) <= VoxelMap::kMaxDistance_m;
 }
 
 bool covers(const DynamicMask& mask, int width, int height) {
@@ -36,7 +32,8 @@ VoxelMap::VoxelMap(Arena& arena, const Config::Map& config, const CameraModel& c
     : config_(config),
       camera_(camera),
       rays_(rays),
-      table_(arena, static_cast<std::size_t>(config.capacity_voxels / kBlockVoxels)),
+      free_space_(arena, camera, rays, config.voxel_m, config.max_range_m),
+      table_(arena, static_cast<std::size_t>(config.capacity_voxels / kBlockVoxels), &free_space_),
       measured_(arena, camera, config.max_range_m),
       trail_(arena, camera, rays),
       fuser_(camera, rays, &trail_, config.voxel_m, arena.planning()),
@@ -59,10 +56,17 @@ FuseOutcome VoxelMap::fuse(const FuseInput& input) {
     if (block.state != BlockState::Current || !fuser_.in_view(block.at)) continue;
     const BlockFuser::Change change = fuser_.fuse(block.at, table_.voxels(i));
     table_.note_fused(i, input.sequence, change.shown, change.occupied);
+    if (change.known) table_.publish(i);
   }
+  free_space_.see(input.T_map_camera_depth, measured_.z_m());
   corrector_.note({input.anchor_keyframe, input.T_map_keyframe, input.T_map_camera_depth,
                    input.T_map_camera_colour, measured_.z_m(), input.colour, input.sequence});
   return FuseOutcome::Fused;
+}
+
+void VoxelMap::correct(const Correction& correction) {
+  // Bits do not move: the air is seen anew.
+  if (corrector_.correct(correction)) free_space_.clear();
 }
 
 std::uint16_t VoxelMap::next_mark() {
@@ -149,8 +153,8 @@ Occupancy VoxelMap::at(Vec3 p) const {
   if (!near) return Occupancy::Unknown;
   const VoxelCoordinates v = voxel_at({p.x / config_.voxel_m, p.y / config_.voxel_m, p.z / config_.voxel_m});
   const int index = table_.find(block_of(v));
-  return index == BlockTable::kNone ? Occupancy::Unknown
-                                    : table_.voxels(index)[place_in_block(v)].occupancy();
+  if (index != BlockTable::kNone) return table_.voxels(index)[place_in_block(v)].occupancy();
+  return free_space_.free(block_of(v)) ? Occupancy::Free : Occupancy::Unknown;
 }
 
 double VoxelMap::point_reduction() const {

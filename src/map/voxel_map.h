@@ -13,6 +13,7 @@
 #include "core/image.h"
 #include "map/block_fuser.h"
 #include "map/block_table.h"
+#include "map/free_space.h"
 #include "map/map_corrector.h"
 #include "map/measured_depth.h"
 #include "map/mover_trail.h"
@@ -42,9 +43,14 @@ enum class FuseOutcome : std::uint8_t {
 };
 
 /// The map of everything that stands still: voxels in blocks, in memory fixed at start. One thread, the map's
-/// own, calls all of it. Nothing here takes memory from the heap after construction.
+/// own, calls all of it; other threads ask MapQueries. Nothing here takes memory from the heap after
+/// construction.
 class VoxelMap {
  public:
+  /// The far end of the map: voxel coordinates stay well inside 32 bits at any voxel size that the
+  /// configuration takes.
+  static constexpr double kMaxDistance_m = 1e6;
+
   /// `rays` must be of this camera and outlive the map.
   VoxelMap(Arena& arena, const Config::Map& config, const CameraModel& camera, const RayTable& rays);
 
@@ -52,7 +58,7 @@ class VoxelMap {
 
   /// Takes a correction over; `continue_correction` then does the work, a slice of about 1 ms at a time, as
   /// long as `correcting`. See MapCorrector.
-  void correct(const Correction& correction) { corrector_.correct(correction); }
+  void correct(const Correction& correction);
   bool correcting() const { return corrector_.busy(); }
   void continue_correction() {
     if (correcting()) corrector_.step(next_mark());
@@ -89,6 +95,7 @@ class VoxelMap {
   Config::Map config_;
   CameraModel camera_;
   const RayTable& rays_;
+  FreeSpace free_space_;
   BlockTable table_;
   MeasuredDepth measured_;
   MoverTrail trail_;
