@@ -11,6 +11,7 @@
 #include <string_view>
 #include <variant>
 
+#include "core/correction.h"
 #include "core/default_classes.h"
 
 namespace stillmap {
@@ -119,7 +120,7 @@ std::vector<Key> describe(Config& c) {
       {"track.fast_threshold", &c.track.fast_threshold, "grey levels", "corner contrast", 3, 100},
       {"track.fast_threshold_min", &c.track.fast_threshold_min, "grey levels",
        "corner contrast where a cell has none", 2, 100},
-      {"track.keyframes", &c.track.keyframes, "", "keyframes kept", 8, 1000},
+      {"track.keyframes", &c.track.keyframes, "", "keyframes kept", 8, Correction::kMaxKeyframes},
       {"track.points", &c.track.points, "", "map points kept", 1000, 200000},
       {"track.min_inliers", &c.track.min_inliers, "", "fewer: lost", 6, 500},
       {"track.weak_inliers", &c.track.weak_inliers, "", "fewer: weak", 6, 1000},
@@ -131,6 +132,8 @@ std::vector<Key> describe(Config& c) {
       {"map.capacity_voxels", &c.map.capacity_voxels, "", "voxels in memory", 10000, 100'000'000},
       {"map.fuse_every", &c.map.fuse_every, "frames", "every n-th tracked frame is fused", 1, 100},
       {"map.max_range_m", &c.map.max_range_m, "m", "farther depth is not fused", 0.5, 20},
+      {"map.keyframe_copies", &c.map.keyframe_copies, "",
+       "small copies of keyframes, 96 KB each, to make the map anew from after a loop has closed", 0, 1000},
       {"map.save_timeout_s", &c.map.save_timeout_s, "s", "bound on writing the map at shutdown", 0.1, 600},
       {"map.checkpoint_s", &c.map.checkpoint_s, "s",
        "a map file is written this often while running; 0: never", 0, 86400},

@@ -81,6 +81,7 @@ struct Config {
     int capacity_voxels = 2'000'000;
     int fuse_every = 2;
     double max_range_m = 4.5;
+    int keyframe_copies = 32;
     double save_timeout_s = 30;
     double checkpoint_s = 60;
   } map;

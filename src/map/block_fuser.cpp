@@ -30,10 +30,11 @@ std::uint8_t averaged(std::uint8_t mean, std::uint8_t value, int weight) {
 
 }  // namespace
 
-BlockFuser::BlockFuser(const CameraModel& camera, const RayTable& rays, const MoverTrail& trail,
-                       double voxel_m, bool planning)
+BlockFuser::BlockFuser(const CameraModel& camera, const RayTable& rays, const MoverTrail* trail,
+                       double voxel_m, bool planning, int looks)
     : lens_(camera, rays, planning),
       trail_(trail),
+      looks_(looks),
       voxel_m_(voxel_m),
       noise_m_at_1m_(static_cast<float>(camera.depth_noise_m_at_1m)),
       enough_points_at_1m_(static_cast<float>(kEnoughPoints * camera.fx * camera.fy * voxel_m * voxel_m)),
@@ -91,6 +92,7 @@ void BlockFuser::fuse_row(Vec3 begin_map, const Point& begin, const Point& step,
     if (pixels.u[i] >= 0) {
       const float s = static_cast<float>(i);
       const Point p{begin[0] + s * step[0], begin[1] + s * step[1], begin[2] + s * step[2]};
+      const Occupancy before = voxel.occupancy();
       switch (evidence(voxel, p[2], z_m_[static_cast<std::size_t>(pixels.v[i] * width_ + pixels.u[i])])) {
         case Evidence::None:
           break;
@@ -98,11 +100,13 @@ void BlockFuser::fuse_row(Vec3 begin_map, const Point& begin, const Point& step,
           change.shown |= miss(voxel);
           break;
         case Evidence::Occupied:
-          if (!voxel.occupied() && trail_.near(begin_map + Vec3{static_cast<double>(i) * voxel_m_, 0, 0}))
+          if (trail_ != nullptr && !voxel.occupied() &&
+              trail_->near(begin_map + Vec3{static_cast<double>(i) * voxel_m_, 0, 0}))
             break;
           if (const Bgr* colour = colour_at(p)) change.shown |= hit(voxel, *colour);
           break;
       }
+      change.known |= voxel.occupancy() != before;
     }
     change.occupied += static_cast<int>(voxel.occupied());
   }
@@ -127,9 +131,9 @@ const Bgr* BlockFuser::colour_at(const Point& p_depth) const {
   return pixel.u < 0 ? nullptr : &colour_.at(pixel.u, pixel.v);
 }
 
-bool BlockFuser::hit(Voxel& voxel, const Bgr& colour) {
+bool BlockFuser::hit(Voxel& voxel, const Bgr& colour) const {
   const Voxel before = voxel;
-  voxel.log_odds = static_cast<std::int8_t>(std::min(voxel.log_odds + Voxel::kHit, Voxel::kMax));
+  voxel.log_odds = static_cast<std::int8_t>(std::min(voxel.log_odds + looks_ * Voxel::kHit, Voxel::kMax));
   const int weight = voxel.colour_weight;
   voxel.colour = {averaged(before.colour.b, colour.b, weight), averaged(before.colour.g, colour.g, weight),
                   averaged(before.colour.r, colour.r, weight)};
@@ -139,9 +143,9 @@ bool BlockFuser::hit(Voxel& voxel, const Bgr& colour) {
   return voxel.occupied() && !(before.occupied() && same_colour);
 }
 
-bool BlockFuser::miss(Voxel& voxel) {
+bool BlockFuser::miss(Voxel& voxel) const {
   const bool was_occupied = voxel.occupied();
-  voxel.log_odds = static_cast<std::int8_t>(std::max(voxel.log_odds + Voxel::kMiss, Voxel::kMin));
+  voxel.log_odds = static_cast<std::int8_t>(std::max(voxel.log_odds + looks_ * Voxel::kMiss, Voxel::kMin));
   // What stands here next has a colour of its own.
   if (voxel.log_odds < 0) voxel.colour_weight = 0;
   return was_occupied && !voxel.occupied();

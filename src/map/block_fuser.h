@@ -30,12 +30,13 @@ class BlockFuser {
  public:
   struct Change {
     bool shown = false;  ///< occupied voxels appeared, disappeared or changed colour
+    bool known = false;  ///< a voxel's occupancy changed
     int occupied = 0;    ///< occupied voxels after the fusion
   };
 
-  /// `trail` must outlive the fuser.
-  BlockFuser(const CameraModel& camera, const RayTable& rays, const MoverTrail& trail, double voxel_m,
-             bool planning);
+  /// `trail` must outlive the fuser; null: movers leave none. Each picture counts for `looks`.
+  BlockFuser(const CameraModel& camera, const RayTable& rays, const MoverTrail* trail, double voxel_m,
+             bool planning, int looks = 1);
 
   /// `z_m` as MeasuredDepth has it; `frame_mark` is what Voxel::last_hit holds where a point of this frame
   /// lies.
@@ -56,11 +57,12 @@ class BlockFuser {
   /// The colour picture's pixel at a point; null where it is outside.
   const Bgr* colour_at(const Point& p_depth) const;
   // Both return whether what the voxel shows changed.
-  static bool hit(Voxel& voxel, const Bgr& colour);
-  static bool miss(Voxel& voxel);
+  bool hit(Voxel& voxel, const Bgr& colour) const;
+  bool miss(Voxel& voxel) const;
 
   Lens lens_;
-  const MoverTrail& trail_;
+  const MoverTrail* trail_;
+  int looks_;
   double voxel_m_;
   float noise_m_at_1m_;
   float enough_points_at_1m_;

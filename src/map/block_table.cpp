@@ -3,15 +3,33 @@
 
 #include <algorithm>
 #include <bit>
+#include <cstdlib>
 #include <tuple>
 
 namespace stillmap {
 
-BlockTable::BlockTable(Arena& arena, std::size_t blocks)
-    : blocks_(arena.take<Block>("map_blocks", blocks)),
+namespace {
+
+/// A block's place in one word, never 0; 0 beyond 2^20 blocks from the origin.
+std::uint64_t key_of(BlockCoordinates at) {
+  constexpr std::int32_t kReach = 1 << 20;
+  constexpr int kBits = 21;
+  if (std::max({std::abs(at.x), std::abs(at.y), std::abs(at.z)}) >= kReach) return 0;
+  const auto part = [](std::int32_t v) { return static_cast<std::uint64_t>(v + kReach); };
+  return std::uint64_t{1} << 63 | part(at.x) << 2 * kBits | part(at.y) << kBits | part(at.z);
+}
+
+}  // namespace
+
+BlockTable::BlockTable(Arena& arena, std::size_t blocks, FreeSpace* free_space)
+    : free_space_(free_space),
+      blocks_(arena.take<Block>("map_blocks", blocks)),
       voxels_(arena.take<Voxel>("map_voxels", blocks * kBlockVoxels)),
       slots_(arena.take<int>("map_hash_slots", std::bit_ceil(2 * blocks))),
-      candidates_(arena.take<Candidate>("map_eviction", blocks)) {}
+      candidates_(arena.take<Candidate>("map_eviction", blocks)),
+      free_(arena.take<int>("map_free_blocks", blocks)),
+      keys_(arena.take<std::atomic<std::uint64_t>>("map_published_places", blocks)),
+      words_(arena.take<std::atomic<std::uint64_t>>("map_published_voxels", blocks * kWords)) {}
 
 void BlockTable::begin_frame(BlockCoordinates camera) {
   camera_ = camera;
@@ -37,36 +55,122 @@ int BlockTable::find(BlockCoordinates at) const {
   return slots_.empty() ? kNone : slots_[slot_of(at)] - 1;
 }
 
+bool BlockTable::found(int index) const {
+  return block(index).state != BlockState::Empty && find(block(index).at) == index;
+}
+
 int BlockTable::find_or_add(BlockCoordinates at, std::uint32_t anchor_keyframe) {
   std::size_t slot = slot_of(at);
-  if (slots_[slot] != 0) return slots_[slot] - 1;
-  int index = used_;
-  if (static_cast<std::size_t>(used_) < blocks_.size()) {
-    ++used_;
-  } else {
-    index = evict_one_farther_than(distance2_to_camera(at));
-    if (index == kNone) {
-      ++refused_;
-      return kNone;
-    }
-    slot = slot_of(at);  // evicting moves entries
+  if (slots_[slot] != 0 && block(slots_[slot] - 1).state == BlockState::Current) return slots_[slot] - 1;
+  const Change change(*this);
+  const int index = take_index(distance2_to_camera(at));
+  if (index == kNone) {
+    ++refused_;
+    return kNone;
   }
+  slot = slot_of(at);  // evicting moves entries
   Block& made = blocks_[static_cast<std::size_t>(index)];
   made = {};
   made.at = at;
   made.anchor_keyframe = anchor_keyframe;
+  made.version = ++changes_;
+  made.made_epoch = epoch_;
   std::ranges::fill(voxels(index), Voxel{});
-  slots_[slot] = index + 1;
+  if (free_space_ != nullptr) free_space_->fill(at);
+  forget_published(index);
+  keys_[static_cast<std::size_t>(index)].store(key_of(at), std::memory_order_release);
+  set_slot(slot, index + 1);
   return index;
+}
+
+void BlockTable::set_slot(std::size_t slot, int value) {
+  std::atomic_ref<int>(slots_[slot]).store(value, std::memory_order_release);
+}
+
+void BlockTable::forget_published(int index) {
+  keys_[static_cast<std::size_t>(index)].store(0, std::memory_order_release);
+  for (std::atomic<std::uint64_t>& word : words_.subspan(static_cast<std::size_t>(index) * kWords, kWords))
+    word.store(0, std::memory_order_release);
+}
+
+void BlockTable::publish(int index) {
+  const std::span<const Voxel, kBlockVoxels> from = voxels(index);
+  for (std::size_t w = 0; w < kWords; ++w) {
+    std::uint64_t word = 0;
+    for (std::size_t v = 0; v < kVoxelsPerWord; ++v)
+      word |= static_cast<std::uint64_t>(from[w * kVoxelsPerWord + v].occupancy()) << 2 * v;
+    words_[static_cast<std::size_t>(index) * kWords + w].store(word, std::memory_order_release);
+  }
+}
+
+void BlockTable::publish(int index, std::size_t place) {
+  std::atomic<std::uint64_t>& word =
+      words_[static_cast<std::size_t>(index) * kWords + place / kVoxelsPerWord];
+  const std::size_t shift = 2 * (place % kVoxelsPerWord);
+  const std::uint64_t others = word.load(std::memory_order_relaxed) & ~(std::uint64_t{3} << shift);
+  word.store(others | static_cast<std::uint64_t>(voxels(index)[place].occupancy()) << shift,
+             std::memory_order_release);
+}
+
+Occupancy BlockTable::published(BlockCoordinates at, std::size_t place) const {
+  // A change takes a fraction of a microsecond, and a frame makes a few hundred at most: who meets so many in
+  // a row does not hear of this voxel.
+  constexpr int kTries = 1000;
+  for (int i = 0; i < kTries; ++i) {
+    const std::uint64_t before = hash_changes_.load(std::memory_order_acquire);
+    if (before % 2 != 0) continue;
+    const Occupancy there = look_up(at, place);
+    if (hash_changes_.load(std::memory_order_relaxed) == before) return there;
+  }
+  return Occupancy::Unknown;
+}
+
+Occupancy BlockTable::look_up(BlockCoordinates at, std::size_t place) const {
+  const std::uint64_t key = key_of(at);
+  if (key == 0 || slots_.empty()) return Occupancy::Unknown;
+  std::size_t slot = home_slot(at);
+  // Bounded, since a change under way can show a ring without an end.
+  for (std::size_t probes = 0; probes < slots_.size(); ++probes, slot = (slot + 1) & (slots_.size() - 1)) {
+    const int entry = std::atomic_ref<int>(slots_[slot]).load(std::memory_order_acquire);
+    if (entry == 0) break;
+    const std::size_t index = static_cast<std::size_t>(entry - 1);
+    if (keys_[index].load(std::memory_order_acquire) != key) continue;
+    const std::uint64_t word =
+        words_[index * kWords + place / kVoxelsPerWord].load(std::memory_order_acquire);
+    return static_cast<Occupancy>(word >> 2 * (place % kVoxelsPerWord) & 3);
+  }
+  return free_space_ != nullptr && free_space_->free(at) ? Occupancy::Free : Occupancy::Unknown;
 }
 
 void BlockTable::note_fused(int index, std::uint64_t sequence, bool changed, int occupied) {
   Block& b = blocks_[static_cast<std::size_t>(index)];
   b.fused_sequence = sequence;
-  if (changed) b.changed_sequence = sequence;
+  if (changed) {
+    b.changed_sequence = sequence;
+    b.version = ++changes_;
+  }
   occupied_voxels_ += static_cast<std::uint64_t>(occupied);
   occupied_voxels_ -= b.occupied;
   b.occupied = static_cast<std::uint16_t>(occupied);
+}
+
+int BlockTable::take_index(std::int64_t distance2) {
+  if (free_count_ > 0) return free_[--free_count_];
+  if (static_cast<std::size_t>(used_) < blocks_.size()) return used_++;
+  return evict_one_farther_than(distance2);
+}
+
+void BlockTable::release(int index) {
+  const Change change(*this);
+  unlist(index);
+  forget_published(index);
+  Block& b = blocks_[static_cast<std::size_t>(index)];
+  occupied_voxels_ -= b.occupied;
+  b.occupied = 0;
+  b.state = BlockState::Empty;
+  b.version = ++changes_;
+  std::ranges::fill(voxels(index), Voxel{});
+  free_[free_count_++] = index;
 }
 
 std::int64_t BlockTable::distance2_to_camera(BlockCoordinates at) const {
@@ -95,10 +199,15 @@ int BlockTable::evict_one_farther_than(std::int64_t distance2) {
   if (next_candidate_ == candidate_count_ || candidates_[next_candidate_].distance2 <= distance2)
     return kNone;
   const int index = candidates_[next_candidate_++].index;
-  erase_slot(slot_of(block(index).at));
+  unlist(index);
   occupied_voxels_ -= block(index).occupied;
   ++evicted_;
   return index;
+}
+
+void BlockTable::unlist(int index) {
+  const std::size_t slot = slot_of(block(index).at);
+  if (slots_[slot] == index + 1) erase_slot(slot);
 }
 
 void BlockTable::erase_slot(std::size_t slot) {
@@ -108,10 +217,10 @@ void BlockTable::erase_slot(std::size_t slot) {
   for (std::size_t next = (slot + 1) & mask; slots_[next] != 0; next = (next + 1) & mask) {
     const std::size_t home = home_slot(block(slots_[next] - 1).at);
     if (((next - home) & mask) < ((next - slot) & mask)) continue;  // it may not move before its home
-    slots_[slot] = slots_[next];
+    set_slot(slot, slots_[next]);
     slot = next;
   }
-  slots_[slot] = 0;
+  set_slot(slot, 0);
 }
 
 }  // namespace stillmap

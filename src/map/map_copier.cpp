@@ -9,9 +9,11 @@ void MapCopier::serve(const BlockTable& table) {
   const State state = state_.load(std::memory_order_acquire);
   if (state != State::WantFirst && state != State::WantMore) return;
   if (state == State::WantFirst) next_block_ = 0;
-  for (copied_ = 0; copied_ < copies_.size() && next_block_ < table.size(); ++copied_, ++next_block_) {
+  for (copied_ = 0; copied_ < copies_.size() && next_block_ < table.size(); ++next_block_) {
+    if (!table.found(next_block_)) continue;
     copies_[copied_].block = table.block(next_block_);
     std::ranges::copy(table.voxels(next_block_), copies_[copied_].voxels.begin());
+    ++copied_;
   }
   last_ = next_block_ >= table.size();
   state_.store(State::Ready, std::memory_order_release);

@@ -127,7 +127,9 @@ Status MapFileWriter::finish() {
 Status write_map_file(const BlockTable& blocks, const MapFacts& facts, const std::string& path,
                       Nanoseconds timeout_ns) {
   MapFileWriter writer(path, facts, timeout_ns);
-  for (int i = 0; i < blocks.size(); ++i) writer.append(blocks.block(i), blocks.voxels(i));
+  for (int i = 0; i < blocks.size(); ++i) {
+    if (blocks.found(i)) writer.append(blocks.block(i), blocks.voxels(i));
+  }
   return writer.finish();
 }
 

@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cmath>
+#include <cstddef>
 #include <cstdint>
 
+#include "core/geometry.h"
 #include "core/image.h"
 
 namespace stillmap {
@@ -43,14 +46,47 @@ struct BlockCoordinates {
   bool operator==(const BlockCoordinates&) const = default;
 };
 
+/// A voxel's place in the map frame, in whole voxels.
+struct VoxelCoordinates {
+  std::int32_t x = 0, y = 0, z = 0;
+};
+/// The voxel around a point whose coordinates are in voxels.
+inline VoxelCoordinates voxel_at(Vec3 p_voxels) {
+  return {static_cast<std::int32_t>(std::floor(p_voxels.x)),
+          static_cast<std::int32_t>(std::floor(p_voxels.y)),
+          static_cast<std::int32_t>(std::floor(p_voxels.z))};
+}
+
+/// The block around a voxel, and the voxel's place within it.
+constexpr BlockCoordinates block_of(std::int32_t x, std::int32_t y, std::int32_t z) {
+  static_assert(kBlockEdge == 8);
+  return {x >> 3, y >> 3, z >> 3};
+}
+constexpr std::size_t place_in_block(std::int32_t x, std::int32_t y, std::int32_t z) {
+  return static_cast<std::size_t>((x & 7) + 8 * (y & 7) + 64 * (z & 7));
+}
+constexpr BlockCoordinates block_of(VoxelCoordinates v) {
+  return block_of(v.x, v.y, v.z);
+}
+constexpr std::size_t place_in_block(VoxelCoordinates v) {
+  return place_in_block(v.x, v.y, v.z);
+}
+
+/// Current: as the newest poses have it. Old: made at poses that a correction has moved since; it shows until
+/// its turn comes, and nothing is fused into it. Empty: given back.
+enum class BlockState : std::uint8_t { Current, Old, Empty };
+
 /// What the map keeps of a block beside its voxels.
 struct Block {
   BlockCoordinates at;
   std::uint32_t anchor_keyframe = 0;  ///< id of the keyframe at whose fusion the block was made
   std::uint64_t fused_sequence = 0;   ///< frame that last had this block in view
   std::uint64_t changed_sequence =
-      0;                       ///< frame that last changed what the block shows: occupied voxels or colours
-  std::uint16_t occupied = 0;  ///< occupied voxels
+      0;                         ///< frame that last changed what the block shows: occupied voxels or colours
+  std::uint64_t version = 0;     ///< the table's `changes()` when what the block shows last changed
+  std::uint32_t made_epoch = 0;  ///< correction epoch in which it was made
+  std::uint16_t occupied = 0;    ///< occupied voxels
+  BlockState state = BlockState::Current;
 };
 
 }  // namespace stillmap

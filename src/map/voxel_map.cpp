@@ -8,10 +8,6 @@ namespace stillmap {
 
 namespace {
 
-/// The far end of the map: voxel coordinates stay well inside 32 bits at any voxel size that the
-/// configuration takes.
-constexpr double kMaxDistance_m = 1e6;
-
 bool is_usable(const Pose& T) {
   if (!is_finite(T)) return false;
   const Mat3 identity = T.R * transposed(T.R);
@@ -20,7 +16,7 @@ bool is_usable(const Pose& T) {
       if (std::abs(identity(r, c) - (r == c ? 1 : 0)) > 1e-3) return false;
     }
   }
-  return std::max({std::abs(T.t.x), std::abs(T.t.y), std::abs(T.t.z)}) <= kMaxDistance_m;
+  return std::max({std::abs(T.t.x), std::abs(T.t.y), std::abs(T.t.z)}) <= VoxelMap::kMaxDistance_m;
 }
 
 bool covers(const DynamicMask& mask, int width, int height) {
@@ -30,25 +26,18 @@ bool covers(const DynamicMask& mask, int width, int height) {
          mask.rows * mask.cell_px >= height;
 }
 
-/// Coordinates of the block around a voxel, and the voxel's place within it.
-BlockCoordinates block_of(std::int32_t x, std::int32_t y, std::int32_t z) {
-  static_assert(kBlockEdge == 8);
-  return {x >> 3, y >> 3, z >> 3};
-}
-std::size_t place_in_block(std::int32_t x, std::int32_t y, std::int32_t z) {
-  return static_cast<std::size_t>((x & 7) + 8 * (y & 7) + 64 * (z & 7));
-}
-
 }  // namespace
 
 VoxelMap::VoxelMap(Arena& arena, const Config::Map& config, const CameraModel& camera, const RayTable& rays)
     : config_(config),
       camera_(camera),
       rays_(rays),
-      table_(arena, static_cast<std::size_t>(config.capacity_voxels / kBlockVoxels)),
+      free_space_(arena, camera, rays, config.voxel_m, config.max_range_m),
+      table_(arena, static_cast<std::size_t>(config.capacity_voxels / kBlockVoxels), &free_space_),
       measured_(arena, camera, config.max_range_m),
       trail_(arena, camera, rays),
-      fuser_(camera, rays, trail_, config.voxel_m, arena.planning()),
+      fuser_(camera, rays, &trail_, config.voxel_m, arena.planning()),
+      corrector_(arena, config, camera, table_),
       row_x_(arena.take<std::int32_t>("map_row_x", static_cast<std::size_t>(camera.width))),
       row_y_(arena.take<std::int32_t>("map_row_y", static_cast<std::size_t>(camera.width))),
       row_z_(arena.take<std::int32_t>("map_row_z", static_cast<std::size_t>(camera.width))) {}
@@ -56,8 +45,7 @@ VoxelMap::VoxelMap(Arena& arena, const Config::Map& config, const CameraModel& c
 FuseOutcome VoxelMap::fuse(const FuseInput& input) {
   if (const FuseOutcome wrong = check(input); wrong != FuseOutcome::Fused) return wrong;
   ++fused_frames_;
-  // 0 marks voxels without a point, so it is no frame's mark.
-  const std::uint16_t frame_mark = static_cast<std::uint16_t>(1 + (fused_frames_ - 1) % 65535);
+  const std::uint16_t frame_mark = next_mark();
   measured_.prepare(input.depth, input.mask);
   trail_.add_frame(input.depth, input.mask, input.T_map_camera_depth, config_.max_range_m);
   mark_points(input, frame_mark);
@@ -65,11 +53,25 @@ FuseOutcome VoxelMap::fuse(const FuseInput& input) {
                      config_.max_range_m, frame_mark);
   for (int i = 0; i < table_.size(); ++i) {
     const Block& block = table_.block(i);
-    if (!fuser_.in_view(block.at)) continue;
+    if (block.state != BlockState::Current || !fuser_.in_view(block.at)) continue;
     const BlockFuser::Change change = fuser_.fuse(block.at, table_.voxels(i));
     table_.note_fused(i, input.sequence, change.shown, change.occupied);
+    if (change.known) table_.publish(i);
   }
+  free_space_.see(input.T_map_camera_depth, measured_.z_m());
+  corrector_.note({input.anchor_keyframe, input.T_map_keyframe, input.T_map_camera_depth,
+                   input.T_map_camera_colour, measured_.z_m(), input.colour, input.sequence});
   return FuseOutcome::Fused;
+}
+
+void VoxelMap::correct(const Correction& correction) {
+  // Bits do not move: the air is seen anew.
+  if (corrector_.correct(correction)) free_space_.clear();
+}
+
+std::uint16_t VoxelMap::next_mark() {
+  // 0 marks voxels without a point, so it is no frame's mark.
+  return static_cast<std::uint16_t>(1 + marks_++ % 65535);
 }
 
 FuseOutcome VoxelMap::check(const FuseInput& input) const {
@@ -85,9 +87,7 @@ FuseOutcome VoxelMap::check(const FuseInput& input) const {
 
 void VoxelMap::mark_points(const FuseInput& input, std::uint16_t frame_mark) {
   const Vec3 t = (1 / config_.voxel_m) * input.T_map_camera_depth.t;
-  table_.begin_frame(block_of(static_cast<std::int32_t>(std::floor(t.x)),
-                              static_cast<std::int32_t>(std::floor(t.y)),
-                              static_cast<std::int32_t>(std::floor(t.z))));
+  table_.begin_frame(block_of(voxel_at(t)));
   const std::span<const float> z_m = measured_.z_m();
   std::uint64_t points = 0, distinct = 0;
   BlockCoordinates at;
@@ -151,11 +151,10 @@ Occupancy VoxelMap::at(Vec3 p) const {
   const bool near =
       std::abs(p.x) < kMaxDistance_m && std::abs(p.y) < kMaxDistance_m && std::abs(p.z) < kMaxDistance_m;
   if (!near) return Occupancy::Unknown;
-  const auto voxel = [this](double m) { return static_cast<std::int32_t>(std::floor(m / config_.voxel_m)); };
-  const std::int32_t x = voxel(p.x), y = voxel(p.y), z = voxel(p.z);
-  const int index = table_.find(block_of(x, y, z));
-  return index == BlockTable::kNone ? Occupancy::Unknown
-                                    : table_.voxels(index)[place_in_block(x, y, z)].occupancy();
+  const VoxelCoordinates v = voxel_at({p.x / config_.voxel_m, p.y / config_.voxel_m, p.z / config_.voxel_m});
+  const int index = table_.find(block_of(v));
+  if (index != BlockTable::kNone) return table_.voxels(index)[place_in_block(v)].occupancy();
+  return free_space_.free(block_of(v)) ? Occupancy::Free : Occupancy::Unknown;
 }
 
 double VoxelMap::point_reduction() const {

@@ -7,11 +7,14 @@
 #include "core/arena.h"
 #include "core/camera.h"
 #include "core/config.h"
+#include "core/correction.h"
 #include "core/dynamic_mask.h"
 #include "core/geometry.h"
 #include "core/image.h"
 #include "map/block_fuser.h"
 #include "map/block_table.h"
+#include "map/free_space.h"
+#include "map/map_corrector.h"
 #include "map/measured_depth.h"
 #include "map/mover_trail.h"
 #include "map/voxel.h"
@@ -27,6 +30,7 @@ struct FuseInput {
   Pose T_map_camera_depth;            ///< at the depth picture's stamp
   Pose T_map_camera_colour;           ///< at the colour picture's stamp
   std::uint32_t anchor_keyframe = 0;  ///< blocks made now are anchored to it
+  Pose T_map_keyframe{};              ///< that keyframe's own pose
   std::uint64_t sequence = 0;
 };
 
@@ -39,13 +43,29 @@ enum class FuseOutcome : std::uint8_t {
 };
 
 /// The map of everything that stands still: voxels in blocks, in memory fixed at start. One thread, the map's
-/// own, calls all of it. Nothing here takes memory from the heap after construction.
+/// own, calls all of it; other threads ask MapQueries. Nothing here takes memory from the heap after
+/// construction.
 class VoxelMap {
  public:
+  /// The far end of the map: voxel coordinates stay well inside 32 bits at any voxel size that the
+  /// configuration takes.
+  static constexpr double kMaxDistance_m = 1e6;
+
   /// `rays` must be of this camera and outlive the map.
   VoxelMap(Arena& arena, const Config::Map& config, const CameraModel& camera, const RayTable& rays);
 
   FuseOutcome fuse(const FuseInput& input);
+
+  /// Takes a correction over; `continue_correction` then does the work, a slice of about 1 ms at a time, as
+  /// long as `correcting`. See MapCorrector.
+  void correct(const Correction& correction);
+  bool correcting() const { return corrector_.busy(); }
+  void continue_correction() {
+    if (correcting()) corrector_.step(next_mark());
+  }
+  /// The correction epoch that fused poses have to be of, and where its keyframes are (null: not known).
+  std::uint32_t epoch() const { return corrector_.epoch(); }
+  const Pose* keyframe(std::uint32_t id) const { return corrector_.keyframe(id); }
 
   /// What is known of a point of the map frame, m.
   Occupancy at(Vec3 p_map) const;
@@ -70,16 +90,19 @@ class VoxelMap {
   FuseOutcome check(const FuseInput& input) const;
   void mark_points(const FuseInput& input, std::uint16_t frame_mark);
   void place_row(int y, const Pose& T_map_camera);
+  std::uint16_t next_mark();
 
   Config::Map config_;
   CameraModel camera_;
   const RayTable& rays_;
+  FreeSpace free_space_;
   BlockTable table_;
   MeasuredDepth measured_;
   MoverTrail trail_;
   BlockFuser fuser_;
+  MapCorrector corrector_;
   std::span<std::int32_t> row_x_, row_y_, row_z_;  // of one picture row: the voxel each pixel's point lies in
-  std::uint64_t fused_frames_ = 0, reduced_frames_ = 0;
+  std::uint64_t fused_frames_ = 0, reduced_frames_ = 0, marks_ = 0;
   double reduction_sum_ = 0;
 };
 

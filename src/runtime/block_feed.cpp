@@ -23,39 +23,30 @@ StreamBlock stream_block(const BlockTable& table, int slot) {
   return out;
 }
 
-}  // namespace
-
-void BlockFeed::answer(const VoxelMap& map, Nanoseconds stamp_ns, StreamServer& server) {
-  bool answered = false;
-  for (stream::BlockExchange& exchange : server.block_exchanges()) {
-    if (!exchange.begin()) continue;
-    if (!answered) note_changes(map.blocks());
-    answered = true;
-    answer(map, stamp_ns, exchange);
-  }
-  if (answered) server.blocks_answered();
-}
-
-void BlockFeed::note_changes(const BlockTable& table) {
-  for (int slot = 0; slot < table.size(); ++slot) {
-    Mark& mark = marks_[static_cast<std::size_t>(slot)];
-    const Block& block = table.block(slot);
-    if (mark.version > 0 && mark.at == block.at && mark.changed_sequence == block.changed_sequence) continue;
-    mark = {block.at, block.changed_sequence, ++version_};
-  }
-}
-
-void BlockFeed::answer(const VoxelMap& map, Nanoseconds stamp_ns, stream::BlockExchange& exchange) const {
+void answer(const VoxelMap& map, Nanoseconds stamp_ns, stream::BlockExchange& exchange) {
   const BlockTable& table = map.blocks();
   const auto [since, cursor] = exchange.request();
   int slot = static_cast<int>(cursor);
   for (; slot < table.size(); ++slot) {
-    if (marks_[static_cast<std::size_t>(slot)].version <= since) continue;
+    if (table.block(slot).version <= since) continue;
     // A client that knows nothing yet need not know of what is empty.
     if (since == 0 && table.block(slot).occupied == 0) continue;
     if (!exchange.add(stream_block(table, slot))) break;
   }
-  exchange.finish(static_cast<std::uint32_t>(slot), slot >= table.size(), version_, map.voxel_m(), stamp_ns);
+  exchange.finish(static_cast<std::uint32_t>(slot), slot >= table.size(), table.changes(), map.voxel_m(),
+                  stamp_ns);
+}
+
+}  // namespace
+
+void feed_blocks(const VoxelMap& map, Nanoseconds stamp_ns, StreamServer& server) {
+  bool answered = false;
+  for (stream::BlockExchange& exchange : server.block_exchanges()) {
+    if (!exchange.begin()) continue;
+    answer(map, stamp_ns, exchange);
+    answered = true;
+  }
+  if (answered) server.blocks_answered();
 }
 
 }  // namespace stillmap

@@ -10,6 +10,7 @@ MapStage::MapStage(Arena& arena, const Config& config, const RayTable& rays, boo
     : config_(config),
       map_(arena, config.map, config.camera, rays),
       copier_(arena),
+      corrections_(arena.take<Mailbox<Correction>>("correction", 1)),
       has_detector_(has_detector) {}
 
 bool MapStage::due(std::uint64_t sequence) const {
@@ -17,12 +18,34 @@ bool MapStage::due(std::uint64_t sequence) const {
          sequence >= last_fused_sequence_ + static_cast<std::uint64_t>(config_.map.fuse_every * fuse_factor_);
 }
 
+void MapStage::take_correction(std::uint32_t epoch) {
+  const Correction* correction = corrections().waiting();
+  if (correction == nullptr || correction->epoch > epoch) return;
+  map_.correct(*correction);
+  corrections().taken();
+}
+
+MapStage::RecentPose MapStage::in_map(const RecentPose& pose) const {
+  const Pose* keyframe = map_.keyframe(pose.reference_keyframe);
+  if (pose.epoch == map_.epoch() || keyframe == nullptr) return pose;
+  RecentPose brought = pose;
+  const Pose T_now_then = *keyframe * inverse(pose.T_map_keyframe);
+  brought.T_map_colour = T_now_then * pose.T_map_colour;
+  brought.T_map_depth = T_now_then * pose.T_map_depth;
+  brought.T_map_keyframe = *keyframe;
+  brought.epoch = map_.epoch();
+  return brought;
+}
+
 void MapStage::take_frame(PosedFrame&& posed) {
+  take_correction(posed.epoch);
+  map_.continue_correction();
   const FrameSlot& frame = *posed.frame;
   if (newest_ns_ == 0) last_boxes_ns_ = frame.colour_ns;
   newest_ns_ = frame.colour_ns;
   const RecentPose& pose = recent_[frame.sequence % recent_.size()] = {
-      frame.sequence, posed.T_map_colour, posed.T_map_depth, posed.reference_keyframe};
+      frame.sequence,           posed.T_map_colour, posed.T_map_depth,
+      posed.reference_keyframe, posed.epoch,        posed.T_map_keyframe};
   if (posed.boxes_are_its_own) last_boxes_ns_ = newest_ns_;
   const bool detector_silent =
       newest_ns_ - last_boxes_ns_ > static_cast<Nanoseconds>(config_.detector.max_age_ms) * 1'000'000;
@@ -49,14 +72,16 @@ void MapStage::take_detected(DetectedFrame&& detected) {
   detected.frame.reset();
 }
 
-void MapStage::fuse(const FrameSlot& frame, const RecentPose& pose, const DynamicMask& mask) {
+void MapStage::fuse(const FrameSlot& frame, const RecentPose& tracked, const DynamicMask& mask) {
   const Nanoseconds begin = monotonic_now();
+  const RecentPose pose = in_map(tracked);
   static_cast<void>(map_.fuse({.colour = frame.colour,
                                .depth = frame.depth,
                                .mask = mask,
                                .T_map_camera_depth = pose.T_map_depth,
                                .T_map_camera_colour = pose.T_map_colour,
                                .anchor_keyframe = pose.reference_keyframe,
+                               .T_map_keyframe = pose.T_map_keyframe,
                                .sequence = frame.sequence}));
   last_fused_sequence_ = frame.sequence;
   fuse_time_.add(monotonic_now() - begin);

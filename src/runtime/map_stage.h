@@ -3,6 +3,8 @@
 
 #include <array>
 
+#include "core/correction.h"
+#include "core/mailbox.h"
 #include "map/map_copier.h"
 #include "map/voxel_map.h"
 #include "runtime/latency.h"
@@ -29,6 +31,11 @@ class MapStage {
  public:
   MapStage(Arena& arena, const Config& config, const RayTable& rays, bool has_detector);
 
+  /// The tracker's thread posts a correction here before the first posed frame of its epoch: the map takes it
+  /// with that frame.
+  Mailbox<Correction>& corrections() { return corrections_.front(); }
+
+  /// Also does a slice of what a correction has left to do.
   void take_frame(PosedFrame&& posed);
   /// After the frame itself came by `take_frame`.
   void take_detected(DetectedFrame&& detected);
@@ -39,6 +46,11 @@ class MapStage {
 
   /// Copies a bounded number of blocks for a checkpoint that waits for them.
   void serve_checkpoint() { copier_.serve(map_.blocks()); }
+
+  /// All that a correction has left to do, some hundred ms at most.
+  void finish_correction() {
+    while (map_.correcting()) map_.continue_correction();
+  }
 
   const VoxelMap& map() const { return map_; }
   MapCopier& copier() { return copier_; }
@@ -51,14 +63,19 @@ class MapStage {
   struct RecentPose {
     std::uint64_t sequence = ~std::uint64_t{0};
     Pose T_map_colour, T_map_depth;
-    std::uint32_t reference_keyframe = 0;
+    std::uint32_t reference_keyframe = 0, epoch = 0;
+    Pose T_map_keyframe;
   };
-  void fuse(const FrameSlot& frame, const RecentPose& pose, const DynamicMask& mask);
+  void take_correction(std::uint32_t epoch);
+  /// A pose of another epoch than the map's is taken to it with its keyframe.
+  RecentPose in_map(const RecentPose& pose) const;
+  void fuse(const FrameSlot& frame, const RecentPose& tracked, const DynamicMask& mask);
   bool due(std::uint64_t sequence) const;
 
   Config config_;
   VoxelMap map_;
   MapCopier copier_;
+  std::span<Mailbox<Correction>> corrections_;  // one
   bool has_detector_;
   int fuse_factor_ = 1;
   Nanoseconds last_boxes_ns_ = 0, newest_ns_ = 0;

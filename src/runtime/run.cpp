@@ -110,6 +110,7 @@ Status write_outputs(const RunContext& context, ReportFacts& facts,
     keep_first(write_trajectory(o.trajectory_final, context.track_log.causal, header));
   if (results && !o.map.empty()) {
     const auto timeout_ns = static_cast<Nanoseconds>(context.config.map.save_timeout_s * 1e9);
+    context.stages.map.finish_correction();
     const VoxelMap& map = context.stages.map.map();
     keep_first(is_map_file(o.map) ? write_map_file(map.blocks(), map_facts(context.config), o.map, timeout_ns)
                                   : write_ply(map.blocks(), map.voxel_m(), o.map, timeout_ns));

@@ -2,6 +2,7 @@
 #include "runtime/run_context.h"
 
 #include "detect/box_carrier.h"
+#include "runtime/block_feed.h"
 #include "runtime/heap_count.h"
 #include "runtime/scene.h"
 
@@ -76,7 +77,7 @@ void answer_map_requests(RunContext& context) {
   if (!context.stages.stream) return;
   MapStage& map = context.stages.map;
   map.answer_cloud_request(*context.stages.stream);
-  context.stages.block_feed->answer(map.map(), map.newest_ns(), *context.stages.stream);
+  feed_blocks(map.map(), map.newest_ns(), *context.stages.stream);
 }
 
 void adapt_quality(RunContext& context, const FrameSlot& frame, bool lost_frames) {

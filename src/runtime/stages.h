@@ -7,7 +7,6 @@
 #include "core/config.h"
 #include "core/frame_pool.h"
 #include "eval/trajectory.h"
-#include "runtime/block_feed.h"
 #include "runtime/flight_recorder.h"
 #include "runtime/frame_budget.h"
 #include "runtime/map_stage.h"
@@ -43,9 +42,7 @@ struct Stages {
             "flight_recorder",
             config.runtime.flight_recorder.empty() ? 0 : FlightRecorder::frames_for(config.mount.fps))),
         trajectory(arena.take<StampedPose>("trajectory", parts.trajectory_poses)) {
-    if (!parts.stream) return;
-    stream.emplace(config, arena);
-    block_feed.emplace(arena, static_cast<std::size_t>(config.map.capacity_voxels / kBlockVoxels));
+    if (parts.stream) stream.emplace(config, arena);
   }
 
   FramePool frames;
@@ -55,7 +52,6 @@ struct Stages {
   std::span<FlightFrame> flight;
   std::span<StampedPose> trajectory;  ///< room for what the run's outputs tell of its poses
   std::optional<StreamServer> stream;
-  std::optional<BlockFeed> block_feed;  ///< with the stream
 };
 
 }  // namespace stillmap

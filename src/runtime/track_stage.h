@@ -17,6 +17,8 @@ struct PosedFrame {
   Pose T_map_colour;  ///< T_map_camera at the colour stamp
   Pose T_map_depth;   ///< T_map_camera at the depth stamp
   std::uint32_t reference_keyframe = 0;
+  Pose T_map_keyframe;             ///< the reference keyframe's own
+  std::uint32_t epoch = 0;         ///< correction epoch that all these poses are of
   bool boxes_are_its_own = false;  ///< the mask was made from detections of this very frame
   DynamicMask mask;
 };
@@ -62,7 +64,7 @@ class TrackStage {
   bool boxes_are_its_own_ = false;
   BoxSupply box_supply_;
   TrackingResult result_;
-  Pose T_map_depth_;
+  Pose T_map_depth_, T_odom_keyframe_;
   struct SequencePose {
     std::uint64_t sequence = ~std::uint64_t{0};
     Pose T_odom_camera;

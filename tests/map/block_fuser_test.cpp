@@ -19,7 +19,7 @@ struct FuserUnderTest {
   Arena arena{1 << 20};
   RayTable rays{arena, camera};
   MoverTrail trail{arena, camera, rays};
-  BlockFuser fuser{camera, rays, trail, 0.04, false};
+  BlockFuser fuser{camera, rays, &trail, 0.04, false};
   std::vector<float> z_m = std::vector<float>(160 * 120);
   std::vector<Bgr> colour = std::vector<Bgr>(160 * 120, Bgr{10, 20, 30});
   std::array<Voxel, kBlockVoxels> voxels{};

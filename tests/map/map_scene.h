@@ -91,13 +91,14 @@ class MapUnderTest {
   FuseInput input(Picture& p, const Pose& T_map_camera, std::uint64_t sequence = 1,
                   std::uint32_t anchor = 0) const {
     const int w = camera_.width, h = camera_.height;
-    return {{p.colour.data(), w, h, w},
-            {p.depth.data(), w, h, w},
-            p.mask,
-            T_map_camera,
-            T_map_camera,
-            anchor,
-            sequence};
+    return {.colour = {p.colour.data(), w, h, w},
+            .depth = {p.depth.data(), w, h, w},
+            .mask = p.mask,
+            .T_map_camera_depth = T_map_camera,
+            .T_map_camera_colour = T_map_camera,
+            .anchor_keyframe = anchor,
+            .T_map_keyframe = T_map_camera,
+            .sequence = sequence};
   }
   /// Renders and fuses `times` frames of the scene.
   void see(const Scene& scene, const Pose& T_map_camera = {}, int times = 1, std::uint32_t anchor = 0) {

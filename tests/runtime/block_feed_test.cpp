@@ -4,6 +4,8 @@
 #include <gtest/gtest.h>
 
 #include <map>
+#include <memory>
+#include <set>
 
 #include "tests/runtime/wall_scene.h"
 
@@ -42,7 +44,7 @@ struct BlockFeedTest : testing::Test {
     std::uint64_t begun = 0;
     do {
       exchange.ask(request);
-      feed.answer(map, 7, server);
+      feed_blocks(map, 7, server);
       EXPECT_TRUE(exchange.answered());
       if (request.cursor == 0) begun = exchange.version();
       EXPECT_TRUE(exchange.complete() || exchange.next() > request.cursor) << "each answer goes on";
@@ -70,7 +72,6 @@ struct BlockFeedTest : testing::Test {
   VoxelMap map{arena, config.map, config.camera, rays};
   DynamicMask mask;
   StreamServer server{config, arena};
-  BlockFeed feed{arena, static_cast<std::size_t>(config.map.capacity_voxels / kBlockVoxels)};
   std::uint64_t sequence = 0, version = 0;
 };
 
@@ -101,6 +102,34 @@ TEST_F(SmallMapTest, AnEvictedBlocksSlotIsToldWhateverItHoldsNow) {
     const bool taken = !(map.blocks().block(static_cast<int>(slot)).at == place);
     EXPECT_TRUE(!taken || after.count(slot) == 1U) << slot;
   }
+}
+
+TEST_F(BlockFeedTest, ACorrectionsNewAndRemovedBlocksAreTold) {
+  for (int i = 0; i < 3; ++i) fuse(0);
+  std::set<std::uint32_t> shown;
+  for (const auto& [slot, count] : pass(0)) shown.insert(slot);
+  const auto correction = std::make_unique<Correction>();
+  correction->epoch = 1;
+  ASSERT_TRUE(correction->keyframes.try_push_back({0, {{}, {0, 0, 0.5}}}));
+  map.correct(*correction);
+  std::size_t removed = 0;
+  while (map.correcting()) {
+    map.continue_correction();
+    // A client that looks in now and then has to end with what the map ends with.
+    for (const auto& [slot, count] : pass(version)) {
+      const Block& block = map.blocks().block(static_cast<int>(slot));
+      removed += block.state == BlockState::Empty;
+      block.occupied > 0 ? static_cast<void>(shown.insert(slot)) : static_cast<void>(shown.erase(slot));
+    }
+  }
+  EXPECT_GT(removed, 0U);
+  std::set<std::uint32_t> occupied;
+  for (int i = 0; i < map.blocks().size(); ++i) {
+    if (map.blocks().block(i).occupied > 0) occupied.insert(static_cast<std::uint32_t>(i));
+  }
+  EXPECT_GT(occupied.size(), 50U);
+  EXPECT_EQ(shown, occupied);
+  EXPECT_TRUE(pass(version).empty());
 }
 
 }  // namespace

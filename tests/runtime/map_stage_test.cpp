@@ -3,6 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include <utility>
+
 #include "segment/segment.h"
 #include "tests/runtime/wall_scene.h"
 
@@ -37,11 +39,25 @@ struct MapStageBench {
     PosedFrame posed;
     posed.frame = frame.share();
     posed.T_map_colour = posed.T_map_depth = WallScene::T_first_camera(static_cast<int>(frame->sequence));
+    posed.T_map_colour = posed.T_map_depth = T_now_first * posed.T_map_colour;
+    posed.T_map_keyframe = T_now_first;
+    posed.epoch = epoch;
     posed.boxes_are_its_own = own_boxes;
     const Detections mask_of = own_boxes ? boxes(*frame) : Detections{};
     segment(mask_of, frame->depth, config.camera, config.track.dynamic_rule, posed.mask);
     stage.take_frame(std::move(posed));
   }
+  /// The tracker learns that its keyframe is 32 cm farther on.
+  void correct() {
+    T_now_first.t.z += 0.32;
+    Correction* correction = stage.corrections().room();
+    ASSERT_NE(correction, nullptr);
+    correction->epoch = ++epoch;
+    correction->keyframes.clear();
+    ASSERT_TRUE(correction->keyframes.try_push_back({0, T_now_first}));
+    stage.corrections().post();
+  }
+  Occupancy wall(double moved_m) const { return stage.map().at({0.27, -0.53, 2.01 + moved_m}); }
   void take_detected(FrameHandle frame) {
     DetectedFrame detected;
     detected.boxes = boxes(*frame);
@@ -60,6 +76,8 @@ struct MapStageBench {
   FramePool pool;
   RayTable rays;
   MapStage stage;
+  Pose T_now_first;  ///< the world of this epoch's poses in that of the first's
+  std::uint32_t epoch = 0;
 };
 
 /// The middle of the thing's front, in the map.
@@ -143,6 +161,82 @@ TEST(MapStage, AnOlderFrameThanTheLastFusedIsLeftOut) {
   bench.take_detected(newer.share());
   bench.take_detected(old.share());
   EXPECT_EQ(bench.stage.map().fused_frames(), 1u);
+}
+
+TEST(MapStage, ACorrectionIsTakenWithTheFirstFrameOfItsEpoch) {
+  MapStageBench bench(false);
+  int index = 0;
+  for (; index < 6; ++index) bench.take_frame(bench.frame(index), false);
+  ASSERT_EQ(bench.wall(0), Occupancy::Occupied);
+  bench.correct();
+  const Pose T_corrected = std::exchange(bench.T_now_first, Pose{});
+  bench.epoch = 0;  // this one was on its way
+  bench.take_frame(bench.frame(index++), false);
+  EXPECT_EQ(bench.stage.map().epoch(), 0u);
+  EXPECT_EQ(bench.stage.corrections().room(), nullptr);
+
+  bench.T_now_first = T_corrected;
+  bench.epoch = 1;
+  bench.take_frame(bench.frame(index++), false);
+  EXPECT_EQ(bench.stage.map().epoch(), 1u);
+  EXPECT_NE(bench.stage.corrections().room(), nullptr);
+  EXPECT_TRUE(bench.stage.map().correcting());
+  for (int i = 0; i < 40; ++i) bench.take_frame(bench.frame(index++), false);
+  EXPECT_FALSE(bench.stage.map().correcting()) << "each frame does a slice";
+  EXPECT_EQ(bench.wall(0.32), Occupancy::Occupied);
+  EXPECT_NE(bench.wall(0), Occupancy::Occupied);
+}
+
+TEST(MapStage, ADetectedFrameOfAnOlderEpochIsBroughtToTheNewest) {
+  MapStageBench bench(true);
+  const FrameHandle first = bench.frame(0), old = bench.frame(1);
+  bench.take_frame(first, false);
+  bench.take_detected(first.share());
+  bench.take_frame(old, false);
+  bench.correct();
+  bench.take_frame(bench.frame(5), false);
+  bench.stage.finish_correction();
+  ASSERT_EQ(bench.stage.map().epoch(), 1u);
+  const Pose* keyframe = bench.stage.map().keyframe(0);
+  ASSERT_NE(keyframe, nullptr);
+  EXPECT_NEAR(keyframe->t.z, 0.32, 1e-9);
+  const FrameHandle later = bench.frame(2);
+  bench.take_frame(later, false);
+  bench.take_detected(later.share());  // of this epoch
+  for (int i = 0; i < 3; ++i) {
+    const FrameHandle another = bench.frame(4 + 2 * i);
+    bench.T_now_first.t.z -= 0.32;
+    bench.epoch = 0;
+    bench.take_frame(another, false);
+    bench.T_now_first.t.z += 0.32;
+    bench.epoch = 1;
+    bench.take_detected(another.share());
+  }
+  EXPECT_EQ(bench.stage.counts().own_boxes, 5u);
+  EXPECT_EQ(bench.wall(0.32), Occupancy::Occupied);
+  EXPECT_NE(bench.wall(0), Occupancy::Occupied);
+}
+
+TEST(MapStage, ACorrectionThatFindsNoRoomIsMadeGoodByTheNext) {
+  MapStageBench bench(false);
+  int index = 0;
+  for (; index < 6; ++index) bench.take_frame(bench.frame(index), false);
+  bench.correct();
+  // The tracker is two epochs on before the map has looked.
+  bench.T_now_first.t.z += 0.32;
+  bench.epoch = 2;
+  ASSERT_EQ(bench.stage.corrections().room(), nullptr);
+  bench.take_frame(bench.frame(index++), false);
+  EXPECT_EQ(bench.stage.map().epoch(), 1u);
+  bench.T_now_first.t.z -= 0.32;
+  bench.epoch = 1;
+  bench.correct();
+  ASSERT_EQ(bench.epoch, 2u);
+  for (int i = 0; i < 40; ++i) bench.take_frame(bench.frame(index++), false);
+  EXPECT_EQ(bench.stage.map().epoch(), 2u);
+  EXPECT_EQ(bench.wall(0.64), Occupancy::Occupied);
+  EXPECT_NE(bench.wall(0.32), Occupancy::Occupied);
+  EXPECT_NE(bench.wall(0), Occupancy::Occupied);
 }
 
 }  // namespace

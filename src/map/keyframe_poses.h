@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <span>
+
+#include "core/arena.h"
+#include "core/correction.h"
+
+namespace stillmap {
+
+/// Where the map has its keyframes, and how a correction moves what hangs on them. Of the newest kKept
+/// keyframes; what hangs on an older one moves as the oldest known does. One thread; no heap after
+/// construction.
+class KeyframePoses {
+ public:
+  static constexpr std::size_t kKept = 2048;
+  explicit KeyframePoses(Arena& arena);
+
+  /// The pose at which the map first has a keyframe; later ones of the same id change nothing.
+  void learn(std::uint32_t id, const Pose& T_map_keyframe);
+  /// Null where the keyframe is not known.
+  const Pose* find(std::uint32_t id) const;
+
+  /// Takes a correction over. False, and nothing moved, where no keyframe went farther than `tolerance_m`;
+  /// such small steps add up until they count.
+  bool correct(const Correction& correction, double tolerance_m);
+  /// T_new_old of what hangs on keyframe `id`, after the newest correction; nothing where it stays. A
+  /// keyframe that the correction does not name moves between its neighbours in time.
+  std::optional<Pose> motion_of(std::uint32_t id) const;
+
+ private:
+  struct Entry {
+    bool known = false;
+    std::uint32_t id = 0;
+    Pose T_map_keyframe;
+  };
+  struct Motion {
+    std::uint32_t id = 0;
+    bool moved = false;
+    Pose T_new_old;
+  };
+  std::span<Entry> entries_;     // by id modulo size
+  ArenaVector<Motion> motions_;  // of the newest correction, ascending ids
+};
+
+}  // namespace stillmap
