@@ -12,7 +12,7 @@ constexpr int kTied = 15;                  // shared points that already hold tw
 constexpr int kFewestResembling = 8;       // features, for a candidate
 constexpr std::uint32_t kSuccessive = 10;  // keyframes within which the next one must confirm
 
-constexpr int kFewestAgreeing = 20, kFewestInliers = 50, kFewestDepths = 60;
+constexpr int kFewestAgreeing = 30, kFewestInliers = 50, kFewestDepths = 60;
 constexpr double kAgreeingDepths = 0.8, kLeastSpread = 0.035;
 constexpr double kLargestSigma_m = 0.03, kLargestSigma_rad = 0.02;
 
