@@ -53,6 +53,10 @@ const char* to_string(EventCode code) {
       return "source_stalled";
     case EventCode::SourceBack:
       return "source_back";
+    case EventCode::LoopClosed:
+      return "loop_closed";
+    case EventCode::SegmentStarted:
+      return "segment_started";
   }
   return "?";
 }

@@ -28,6 +28,8 @@ enum class EventCode : std::uint8_t {
   SourceGone,       ///< the camera was unplugged; a = ms since its last frame
   SourceStalled,    ///< the camera fell silent and is opened anew; a = ms since its last frame
   SourceBack,       ///< the camera delivers again; a = tries that it took
+  LoopClosed,       ///< a known place was recognised and the map mended; a = correction epoch
+  SegmentStarted,   ///< lost for long, tracking begins anew at a predicted pose; a = segment
 };
 const char* to_string(EventCode code);
 

@@ -44,7 +44,7 @@ Json tracking_part(const RunCounters& c) {
           {"relocalized", c.relocalized.load()},
           {"segments", c.segments.load()},
           {"keyframes", c.keyframes.load()},
-          {"corrections", 0},
+          {"corrections", c.corrections.load()},
           {"features",
            {{"static", c.static_features.load()},
             {"dynamic", c.dynamic_features.load()},

@@ -93,6 +93,14 @@ std::span<const StampedPose> first_pass(const RunContext& context, const std::ve
   return all.first(static_cast<std::size_t>(beyond - all.begin()));
 }
 
+/// As everything is known at the end.
+std::vector<StampedPose> final_poses(const RunContext& context) {
+  const auto last = std::make_unique<Correction>();
+  context.stages.track.tracker().describe_keyframes(*last);
+  context.stages.final_trajectory.correct(*last);
+  return context.stages.final_trajectory.poses();
+}
+
 Status write_outputs(const RunContext& context, ReportFacts& facts,
                      const std::vector<StampedPose>& groundtruth, const std::vector<Nanoseconds>& stamps) {
   const RunOptions& o = context.options;
@@ -107,7 +115,7 @@ Status write_outputs(const RunContext& context, ReportFacts& facts,
   if (results && !o.trajectory.empty())
     keep_first(write_trajectory(o.trajectory, context.track_log.causal, header));
   if (results && !o.trajectory_final.empty())
-    keep_first(write_trajectory(o.trajectory_final, context.track_log.causal, header));
+    keep_first(write_trajectory(o.trajectory_final, final_poses(context), header));
   if (results && !o.map.empty()) {
     const auto timeout_ns = static_cast<Nanoseconds>(context.config.map.save_timeout_s * 1e9);
     context.stages.map.finish_correction();
@@ -240,7 +248,8 @@ Status run(const RunOptions& asked) {
       .log = is_log,
       .lockstep_delay = mode == RunMode::Lockstep ? options.detector.delay : 0,
       .recorder_frames = options.record.empty() ? 0 : RecordLane::frames_held(config.record.buffer_frames),
-      .trajectory_poses = poses_to_keep(options, source.value().stamps.size())};
+      .trajectory_poses = poses_to_keep(options, source.value().stamps.size()),
+      .final_trajectory = !options.trajectory_final.empty()};
   Arena planning;
   plan_memory(planning, config, parts);
   if (Status s = check_budget(planning, config); !s.ok()) return s;

@@ -12,6 +12,12 @@ namespace {
 
 void note_state(RunContext& context, const TrackingResult& result, TrackState before) {
   if (result.state == before) return;
+  if (before == TrackState::Lost && result.segment != context.segment_told) {
+    context.emit(Stage::Track, EventCode::SegmentStarted, result.sequence, result.segment);
+    context.segment_told = result.segment;
+    return;
+  }
+  context.segment_told = result.segment;
   EventCode code = EventCode::TrackingWeak;
   if (before == TrackState::Initializing) code = EventCode::TrackingStarted;
   if (before == TrackState::Lost) code = EventCode::Relocalized;
@@ -34,6 +40,20 @@ void publish(RunContext& context, const TrackingResult& result) {
       {result.stamp_ns, result.T_map_odom, result.T_odom_camera * inverse(T_base_camera), T_base_camera});
 }
 
+/// Tells the map and the final trajectory where keyframes are since the last correction; where the map has
+/// not taken the last one yet, after the next frame.
+void pass_correction(RunContext& context, const TrackingResult& result) {
+  if (result.correction_epoch == context.epoch_passed) return;
+  Mailbox<Correction>& corrections = context.stages.map.corrections();
+  Correction* room = corrections.room();
+  if (room == nullptr) return;
+  context.stages.track.tracker().describe_keyframes(*room);
+  context.stages.final_trajectory.correct(*room);
+  corrections.post();
+  context.epoch_passed = result.correction_epoch;
+  context.emit(Stage::Track, EventCode::LoopClosed, result.sequence, result.correction_epoch);
+}
+
 }  // namespace
 
 bool track_frame(RunContext& context, const FrameSlot& frame) {
@@ -42,6 +62,9 @@ bool track_frame(RunContext& context, const FrameSlot& frame) {
   const Nanoseconds begin = monotonic_now();
   const TrackingResult& result = context.stages.track.step(frame);
   context.track_log.track_time.add(monotonic_now() - begin);
+  pass_correction(context, result);
+  if (result.has_pose())
+    context.stages.final_trajectory.note(result, context.stages.track.tracker().T_odom_reference_keyframe());
   const bool first = context.track_log.first_pose_ns == 0;
   context.track_log.note(result, before, frame.due_ns, context.counters);
   if (first && context.track_log.first_pose_ns != 0) start_heap_count();

@@ -49,8 +49,9 @@ struct RunContext {
   DetectLog detect_log;
   std::array<EventRing, kStageCount> events;
   Watchdog watchdog;
-  LoadShedder shedder;          ///< the track thread's
-  std::atomic<int> quality{0};  ///< the shedder's step, for every stage
+  std::uint32_t epoch_passed = 0, segment_told = 0;  ///< the track thread's
+  LoadShedder shedder;                               ///< the track thread's
+  std::atomic<int> quality{0};                       ///< the shedder's step, for every stage
   FlightRecorder flight;
   std::function<void(Stage)> on_work;  ///< tests hold a stage up with it; empty in a run
   RecordLane* record = nullptr;        ///< null: nothing is recorded

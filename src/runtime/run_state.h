@@ -33,7 +33,7 @@ struct RunCounters {
   using Count = std::atomic<std::uint64_t>;
   Count offered{0}, processed{0};
   std::array<Count, kDropReasonCount> dropped{};
-  Count tracked{0}, weak{0}, lost{0}, relocalized{0}, segments{0}, keyframes{0};
+  Count tracked{0}, weak{0}, lost{0}, relocalized{0}, segments{0}, keyframes{0}, corrections{0};
   Count static_features{0}, dynamic_features{0}, semi_static_features{0}, unknown_features{0};
   Count detector_runs{0}, detector_failures{0}, detector_skipped{0};
   Count quality_lowered{0}, quality_raised{0}, frames_shed{0};

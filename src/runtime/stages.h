@@ -7,6 +7,7 @@
 #include "core/config.h"
 #include "core/frame_pool.h"
 #include "eval/trajectory.h"
+#include "runtime/final_trajectory.h"
 #include "runtime/flight_recorder.h"
 #include "runtime/frame_budget.h"
 #include "runtime/map_stage.h"
@@ -24,6 +25,7 @@ struct Stages {
     int lockstep_delay = 0;  ///< frames that lockstep keeps for a late detector
     int recorder_frames = 0;
     std::size_t trajectory_poses = 0;
+    bool final_trajectory = false;
 
     FrameBudget frames() const {
       return frame_budget({.detector = detector,
@@ -41,7 +43,8 @@ struct Stages {
         flight(arena.take<FlightFrame>(
             "flight_recorder",
             config.runtime.flight_recorder.empty() ? 0 : FlightRecorder::frames_for(config.mount.fps))),
-        trajectory(arena.take<StampedPose>("trajectory", parts.trajectory_poses)) {
+        trajectory(arena.take<StampedPose>("trajectory", parts.trajectory_poses)),
+        final_trajectory(arena, parts.final_trajectory ? parts.trajectory_poses : 0) {
     if (parts.stream) stream.emplace(config, arena);
   }
 
@@ -51,6 +54,7 @@ struct Stages {
   MapStage map;
   std::span<FlightFrame> flight;
   std::span<StampedPose> trajectory;  ///< room for what the run's outputs tell of its poses
+  FinalTrajectory final_trajectory;
   std::optional<StreamServer> stream;
 };
 

@@ -38,7 +38,6 @@ const TrackingResult& TrackStage::step(const FrameSlot& frame) {
 
   result_ = tracker_.track(frame, mask_);
   if (!result_.has_pose()) carrier_.clear();
-  if (result_.is_keyframe) T_odom_keyframe_ = result_.T_odom_camera;
   recent_[frame.sequence % recent_.size()] = {frame.sequence, result_.T_odom_camera};
   T_map_depth_ = result_.T_map_odom * tracker_.predict(frame.depth_ns);
   return result_;
@@ -49,7 +48,7 @@ void TrackStage::fill_posed(const FrameHandle& frame, PosedFrame& out) const {
   out.T_map_colour = result_.T_map_camera();
   out.T_map_depth = T_map_depth_;
   out.reference_keyframe = result_.reference_keyframe;
-  out.T_map_keyframe = result_.T_map_odom * T_odom_keyframe_;
+  out.T_map_keyframe = result_.T_map_odom * tracker_.T_odom_reference_keyframe();
   out.epoch = result_.correction_epoch;
   out.boxes_are_its_own = boxes_are_its_own_;
   out.mask = mask_;

@@ -64,7 +64,7 @@ class TrackStage {
   bool boxes_are_its_own_ = false;
   BoxSupply box_supply_;
   TrackingResult result_;
-  Pose T_map_depth_, T_odom_keyframe_;
+  Pose T_map_depth_;
   struct SequencePose {
     std::uint64_t sequence = ~std::uint64_t{0};
     Pose T_odom_camera;

@@ -15,9 +15,10 @@ constexpr std::size_t kFeatureCapacity = Keyframe::kMaxFeatures;
 constexpr SearchWindow kAroundPrediction{.radius_px = 16, .max_distance = 70, .depth_share = 0.15};
 constexpr SearchWindow kWide{.radius_px = 48, .max_distance = 60, .depth_share = 0.25};
 constexpr SearchWindow kAroundSolution{.radius_px = 5, .max_distance = 80, .depth_share = 0.08};
-constexpr int kSurely = 100;              // inliers that no wrong pose has
-constexpr int kFewestToStart = 100;       // points of the first keyframe
-constexpr std::size_t kPlacesPerTry = 3;  // keyframes compared per lost frame, beside the newest
+constexpr int kSurely = 100;                 // inliers that no wrong pose has
+constexpr int kFewestToStart = 100;          // points of the first keyframe
+constexpr std::size_t kPlacesPerTry = 2;     // keyframes compared per lost frame, beside the newest
+constexpr std::size_t kPlaceFeatures = 500;  // of a keyframe, that the place index goes by
 constexpr Nanoseconds kKeyframeGap_ns = 60'000'000;
 
 /// The motion model's trust in itself: what a hand that jerks does to a constant velocity in this time.
@@ -42,7 +43,7 @@ Tracker::Tracker(Arena& arena, const Config& config)
            static_cast<std::size_t>(config.track.points)),
       matcher_(arena, config.track, config.camera),
       builder_(config.track, config.camera),
-      places_(arena, static_cast<std::size_t>(config.track.keyframes), kFeatureCapacity),
+      places_(arena, static_cast<std::size_t>(config.track.keyframes), kPlaceFeatures),
       relocalizer_(arena, config.track, config.camera),
       semi_static_(arena, config.track, config.camera, kFeatureCapacity),
       motion_(arena, config.camera, kFeatureCapacity),
@@ -176,17 +177,19 @@ bool Tracker::localize(const FrameSlot& slot, const Pose& T_odom_camera_predicte
 
 bool Tracker::follow(const Pose& T_odom_camera_predicted) {
   matcher_.project(map_, inverse(T_odom_camera_predicted));
-  const bool found = match_and_solve(kAroundPrediction, T_odom_camera_predicted) ||
-                     match_and_solve(kWide, T_odom_camera_predicted);
+  bool found = match_and_solve(kAroundPrediction, T_odom_camera_predicted);
   if (found && estimate_.inliers >= std::min(kSurely, inliers_before_ / 2)) return true;
   // A few wrong matches around a wrong prediction agree now and then. What is poor gives way to what is sure:
   // from a wider look, or from one around where the camera was.
-  const Pose poor = result_.T_odom_camera;
+  Pose poor = found ? result_.T_odom_camera : T_odom_camera_predicted;
   for (const Pose& from : {T_odom_camera_predicted, history_[0].T_odom_camera}) {
     matcher_.project(map_, inverse(from));
-    if (match_and_solve(kWide, from) && estimate_.inliers >= kSurely) return true;
+    if (!match_and_solve(kWide, from)) continue;
+    if (estimate_.inliers >= kSurely) return true;
+    if (!found) poor = result_.T_odom_camera;
+    found = true;
   }
-  matcher_.project(map_, inverse(found ? poor : T_odom_camera_predicted));
+  matcher_.project(map_, inverse(poor));
   return found && match_and_solve(kAroundPrediction, poor);
 }
 
@@ -281,6 +284,16 @@ void Tracker::close_loops(std::uint64_t sequence) {
   result_.T_map_odom = result_.T_map_odom * *moved;
   ++result_.correction_epoch;
   adjustment_.outdate();
+}
+
+void Tracker::describe_keyframes(Correction& out) const {
+  out.epoch = result_.correction_epoch;
+  out.keyframes.clear();
+  for (const Keyframe& keyframe : map_.keyframes()) {
+    if (keyframe.alive)
+      static_cast<void>(
+          out.keyframes.try_push_back({keyframe.id, result_.T_map_odom * keyframe.T_odom_camera}));
+  }
 }
 
 void Tracker::take_adjustment() {

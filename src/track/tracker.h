@@ -7,6 +7,7 @@
 
 #include "core/arena.h"
 #include "core/config.h"
+#include "core/correction.h"
 #include "core/dynamic_mask.h"
 #include "core/frame_pool.h"
 #include "core/tracking_result.h"
@@ -41,6 +42,10 @@ class Tracker {
   /// Tracks one frame. `mask` says what moves in it. The result stays valid until the next call.
   const TrackingResult& track(const FrameSlot& frame, const DynamicMask& mask);
 
+  /// Of the keyframe that `track`'s newest result refers to.
+  Pose T_odom_reference_keyframe() const { return T_odom_keyframe_; }
+  /// Where all keyframes are now, of the newest result's epoch.
+  void describe_keyframes(Correction& out) const;
   /// What a worker does for the local map beside tracking; `track` takes its results.
   LocalAdjustment& adjustment() { return adjustment_; }
 

@@ -61,6 +61,7 @@ TEST_F(LocalAdjustmentTest, MendsPoints) {
   for (int n = 0; n < 5; ++n) add_keyframe(step(n));
   MapPoint& point = *map.find(points_[7]);
   point.p_odom = truth_[7] + Vec3{0.05, 0, 0.05};
+  point.information = {1, 0, 0, 1, 0, 1};  // nothing that would hold it there
   adjustment_.offer(map, extractor);
   adjustment_.work();
   ASSERT_TRUE(adjustment_.collect(map));
