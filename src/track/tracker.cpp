@@ -16,6 +16,7 @@ constexpr SearchWindow kAroundPrediction{.radius_px = 16, .max_distance = 70, .d
 constexpr SearchWindow kWide{.radius_px = 48, .max_distance = 60, .depth_share = 0.25};
 constexpr SearchWindow kAroundSolution{.radius_px = 5, .max_distance = 80, .depth_share = 0.08};
 constexpr int kSurely = 100;                 // inliers that no wrong pose has
+constexpr int kPoor = 80;                    // fewer, after a frame with thrice as many: perhaps a wrong one
 constexpr int kFewestToStart = 100;          // points of the first keyframe
 constexpr std::size_t kPlacesPerTry = 2;     // keyframes compared per lost frame, beside the newest
 constexpr std::size_t kPlaceFeatures = 500;  // of a keyframe, that the place index goes by
@@ -178,7 +179,7 @@ bool Tracker::localize(const FrameSlot& slot, const Pose& T_odom_camera_predicte
 bool Tracker::follow(const Pose& T_odom_camera_predicted) {
   matcher_.project(map_, inverse(T_odom_camera_predicted));
   bool found = match_and_solve(kAroundPrediction, T_odom_camera_predicted);
-  if (found && estimate_.inliers >= std::min(kSurely, inliers_before_ / 2)) return true;
+  if (found && estimate_.inliers >= std::min(kPoor, inliers_before_ / 3)) return true;
   // A few wrong matches around a wrong prediction agree now and then. What is poor gives way to what is sure:
   // from a wider look, or from one around where the camera was.
   Pose poor = found ? result_.T_odom_camera : T_odom_camera_predicted;
