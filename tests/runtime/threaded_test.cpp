@@ -7,36 +7,21 @@
 #include <thread>
 
 #include "core/random.h"
-#include "tests/runtime/pipeline.h"
+#include "tests/runtime/running.h"
 
 namespace stillmap {
 namespace {
 
+using test::Gate;
 using test::Pipeline;
+using test::Running;
+using test::wait_until;
 using test::wall_driver;
 using test::wall_frames;
 using test::WallScene;
 using Grab = test::ScriptedDriver::Grab;
 
 constexpr Nanoseconds kMillisecond = 1'000'000, kHour = 3'600'000'000'000;
-
-/// The run on a thread of its own, as the program's main thread is.
-struct Running {
-  explicit Running(Pipeline& p) : pipeline(p), thread([&p] { run_threads(*p.context); }) {}
-  /// Asks for the end; how long it took.
-  double stop_s() {
-    pipeline.stop.store(true);
-    const Nanoseconds begin = monotonic_now();
-    thread.join();
-    return to_seconds(monotonic_now() - begin);
-  }
-  void wait_for_frames(std::uint64_t count) const {
-    while (pipeline.context->counters.processed.load() < count)
-      std::this_thread::sleep_for(std::chrono::milliseconds(1));
-  }
-  Pipeline& pipeline;
-  std::thread thread;
-};
 
 TEST(Threads, ALogEndsWithEveryFrameAccounted) {
   for (const bool with_detector : {false, true}) {
@@ -181,28 +166,6 @@ TEST(Threads, FastStopsWithinTwoSecondsAndCountsWhatWasOffered) {
     EXPECT_EQ(pipeline.dropped(), 0u);
     pipeline.expect_accounted();
   }
-}
-
-/// Holds stages up at their next piece of work.
-class Gate {
- public:
-  explicit Gate(RunContext& context) {
-    context.on_work = [this](Stage stage) {
-      std::atomic<bool>& held = held_[static_cast<std::size_t>(stage)];
-      while (held.load()) std::this_thread::sleep_for(std::chrono::milliseconds(1));
-    };
-  }
-  void hold(Stage stage) { held_[static_cast<std::size_t>(stage)] = true; }
-  void release_all() {
-    for (auto& held : held_) held = false;
-  }
-
- private:
-  std::array<std::atomic<bool>, kStageCount> held_{};
-};
-
-void wait_until(const std::function<bool()>& good) {
-  while (!good()) std::this_thread::sleep_for(std::chrono::milliseconds(1));
 }
 
 TEST(Threads, CaptureNeverStarvesWhileEveryConsumerHoldsAllItMay) {
