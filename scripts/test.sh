@@ -14,7 +14,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.." || exit 1
 full=no
 case "$*" in
   "") ;;
-  --full) full=yes; export STILLMAP_SHUTDOWNS=200 ;;
+  --full) full=yes; export STILLMAP_SHUTDOWNS=200 STILLMAP_KILLS=60 ;;
   *) echo "test.sh: unknown argument $*; usage: test.sh [--full]" >&2; exit 1 ;;
 esac
 

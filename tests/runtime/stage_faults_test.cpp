@@ -6,17 +6,10 @@
 
 #include "tests/runtime/running.h"
 
-namespace stillmap {
+namespace stillmap::test {
 namespace {
 
-using test::Gate;
-using test::Pipeline;
-using test::Running;
-using test::wait_until;
-using test::wall_driver;
-using test::wall_frames;
-using test::WallScene;
-using Grab = test::ScriptedDriver::Grab;
+using Grab = ScriptedDriver::Grab;
 
 /// A camera that is never too fast, unless the tracker is made too slow for it.
 class Slowable {
@@ -67,7 +60,7 @@ class Slowable {
   const WallScene scene_;
   int next_ = 0;
   std::atomic<bool> slow_{false};
-  test::ScriptedDriver driver_;
+  ScriptedDriver driver_;
 
  public:
   Pipeline pipeline;
@@ -202,4 +195,4 @@ TEST(StageFaults, TheEndOfTheStreamComesWhileTheDiskStallsAndNothingIsLostInFast
 }
 
 }  // namespace
-}  // namespace stillmap
+}  // namespace stillmap::test
