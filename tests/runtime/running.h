@@ -9,6 +9,13 @@
 
 namespace stillmap::test {
 
+/// What the contract gives the stages to stop; a sanitizer makes them ten times slower.
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+constexpr double kStopDeadline_s = 20;
+#else
+constexpr double kStopDeadline_s = 2;
+#endif
+
 /// The run on a thread of its own, as the program's main thread is.
 struct Running {
   explicit Running(Pipeline& p) : pipeline(p), thread([&p] { run_threads(*p.context); }) {}

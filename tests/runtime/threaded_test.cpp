@@ -13,6 +13,7 @@ namespace stillmap {
 namespace {
 
 using test::Gate;
+using test::kStopDeadline_s;
 using test::Pipeline;
 using test::Running;
 using test::wait_until;
@@ -48,7 +49,7 @@ TEST(Threads, StopsWithinTwoSecondsAtAnyMoment) {
     Running running(pipeline);
     const std::uint32_t after_us = random.below(300'000);
     std::this_thread::sleep_for(std::chrono::microseconds(after_us));
-    EXPECT_LT(running.stop_s(), 2) << "asked after " << after_us << " us";
+    EXPECT_LT(running.stop_s(), kStopDeadline_s) << "asked after " << after_us << " us";
     EXPECT_TRUE(run_outcome(*pipeline.context).ok());
     pipeline.expect_accounted();
   }
@@ -62,7 +63,7 @@ TEST(Threads, StopsWithinAPauseOfTheLog) {
   Running running(pipeline);
   running.wait_for_frames(2);
   std::this_thread::sleep_for(std::chrono::milliseconds(100));
-  EXPECT_LT(running.stop_s(), 2);
+  EXPECT_LT(running.stop_s(), kStopDeadline_s);
   pipeline.expect_accounted();
 }
 
@@ -86,7 +87,7 @@ TEST(Threads, StopsWhileTheCameraIsSilent) {
   Pipeline pipeline(driver);
   Running running(pipeline);
   running.wait_for_frames(1);
-  EXPECT_LT(running.stop_s(), 2);
+  EXPECT_LT(running.stop_s(), kStopDeadline_s);
   pipeline.expect_accounted();
 }
 
@@ -162,7 +163,7 @@ TEST(Threads, FastStopsWithinTwoSecondsAndCountsWhatWasOffered) {
     Running running(pipeline);
     const std::uint32_t after_us = random.below(200'000);
     std::this_thread::sleep_for(std::chrono::microseconds(after_us));
-    EXPECT_LT(running.stop_s(), 2) << "asked after " << after_us << " us";
+    EXPECT_LT(running.stop_s(), kStopDeadline_s) << "asked after " << after_us << " us";
     EXPECT_EQ(pipeline.dropped(), 0u);
     pipeline.expect_accounted();
   }
@@ -209,7 +210,7 @@ TEST(Threads, EachStageThatIsHeldUpIsNamedAndTheRunGoesOn) {
     gate.release_all();
     const std::uint64_t before = context.counters.processed.load();
     running.wait_for_frames(before + 5);
-    EXPECT_LT(running.stop_s(), 2) << to_string(stage);
+    EXPECT_LT(running.stop_s(), kStopDeadline_s) << to_string(stage);
     pipeline.expect_accounted();
   }
 }
@@ -251,7 +252,7 @@ TEST(Threads, HaveTheirNames) {
   }
   for (const char* expected : {"decode", "capture", "track", "map", "detect", "stream"})
     EXPECT_EQ(names.count(expected), 1u) << expected;
-  EXPECT_LT(running.stop_s(), 2);
+  EXPECT_LT(running.stop_s(), kStopDeadline_s);
   pipeline.stages->stream->stop();
 }
 
