@@ -29,6 +29,7 @@ from scipy.spatial import cKDTree
 
 from render_map import read_ply
 from stillmap_runs import ROOT, RunFailed, print_table, run_stillmap
+from tum_trajectory import BadTrajectory, read_trajectory
 
 REACH_M = 0.05  # of recall and F-score
 HEAD = ("poses", "rule", "voxels", "ghosts", "litres", "share %", "recall %", "precision %", "F %", "reduction")
@@ -36,7 +37,7 @@ HEAD = ("poses", "rule", "voxels", "ghosts", "litres", "share %", "recall %", "p
 
 def read_poses(path):
     """Stamps (n), rotations (n, 3, 3) and positions (n, 3) of a trajectory in TUM format."""
-    rows = np.loadtxt(path, ndmin=2)
+    rows = read_trajectory(path)
     x, y, z, w = rows[:, 4:8].T
     rotations = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w),
                           2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w),
@@ -169,5 +170,5 @@ def main():
 if __name__ == "__main__":
     try:
         main()
-    except RunFailed as error:
+    except (RunFailed, BadTrajectory) as error:
         sys.exit(f"measure_map.py: {error}")

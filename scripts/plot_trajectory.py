@@ -10,7 +10,6 @@ All files are in TUM format. Each estimate is aligned to the ground truth by the
 import argparse
 import os
 import sys
-import warnings
 
 import matplotlib
 import numpy as np
@@ -18,7 +17,10 @@ import numpy as np
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402  (the backend has to be chosen first)
 
+from tum_trajectory import BadTrajectory, read_trajectory  # noqa: E402
+
 MAX_STAMP_DIFFERENCE_S = 0.02
+LEAST_POSES = 3  # that an alignment needs
 
 
 def fail(message):
@@ -26,16 +28,11 @@ def fail(message):
 
 
 def read(path):
-    """Stamps (n,) in s and positions (n, 3) in m of a TUM file, in the order of time."""
+    """Stamps (n,) in s and positions (n, 3) in m."""
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # about an empty file, which is refused below
-            rows = np.loadtxt(path, ndmin=2)
-    except (OSError, ValueError) as error:
-        fail(f"cannot read {path}: {error}; give a trajectory in TUM format")
-    if rows.shape[0] < 3 or rows.shape[1] < 4:
-        fail(f"{path} holds no trajectory; expected lines of `timestamp tx ty tz qx qy qz qw`, at least three")
-    rows = rows[np.argsort(rows[:, 0])]
+        rows = read_trajectory(path, LEAST_POSES)
+    except BadTrajectory as error:
+        fail(error)
     return rows[:, 0], rows[:, 1:4]
 
 
@@ -70,7 +67,7 @@ def main():
     for path in args.estimates:
         stamps_s, positions_m = read(path)
         in_truth, in_estimate = match(truth_s, stamps_s)
-        if len(in_truth) < 3:
+        if len(in_truth) < LEAST_POSES:
             fail(f"{path} and {args.groundtruth} share no time; are they of the same log?")
         rotation, shift = alignment(positions_m[in_estimate], truth_m[in_truth])
         aligned_m = positions_m @ rotation.T + shift

@@ -10,10 +10,11 @@ Needs python3-numpy and python3-opencv.
 """
 import argparse
 import sys
-import warnings
 
 import cv2
 import numpy as np
+
+from tum_trajectory import BadTrajectory, read_trajectory
 
 BACKGROUND_BGR = (24, 20, 18)
 TYPES = {"char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2", "uint16": "u2",
@@ -60,18 +61,6 @@ def read_ply(path):
     bgr = np.stack([points[n] for n in ("blue", "green", "red")], 1).astype(np.float64)
     finite = np.isfinite(xyz).all(1)
     return xyz[finite], bgr[finite]
-
-
-def read_trajectory(path):
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # about an empty file, which is refused below
-            rows = np.loadtxt(path, ndmin=2)
-    except (OSError, ValueError) as error:
-        fail(f"cannot read {path}: {error}; give a trajectory in TUM format")
-    if rows.shape[0] < 1 or rows.shape[1] < 4:
-        fail(f"{path} holds no trajectory; expected lines of `timestamp tx ty tz qx qy qz qw`")
-    return rows[:, 1:4]
 
 
 def spacing(xyz):
@@ -151,7 +140,10 @@ def main():
     xyz = xyz @ turn.T
     trajectory = None
     if args.trajectory:
-        trajectory = read_trajectory(args.trajectory) @ turn.T
+        try:
+            trajectory = read_trajectory(args.trajectory)[:, 1:4] @ turn.T
+        except BadTrajectory as error:
+            fail(error)
         low_enough = xyz[:, 2] < trajectory[:, 2].max() + CEILING_M
         xyz, bgr = xyz[low_enough], bgr[low_enough]
     if len(xyz) == 0:

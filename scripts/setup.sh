@@ -39,7 +39,7 @@ case "$*" in
   "") ;;
   --arm) packages+=("${arm[@]}") ;;
   --tests|--full)
-    [ "$*" = --tests ] || packages+=("${arm[@]}" lintian debootstrap systemd)
+    [ "$*" = --tests ] || packages+=("${arm[@]}" lintian debootstrap systemd clang-14 libclang-rt-14-dev)
     packages+=(clang-format clang-tidy shellcheck openssl python3-scipy)
     # The camera driver is tested on a kernel with a virtual camera, in a virtual machine.
     case $(uname -m) in

@@ -14,7 +14,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.." || exit 1
 full=no
 case "$*" in
   "") ;;
-  --full) full=yes; export STILLMAP_SHUTDOWNS=200 ;;
+  --full) full=yes; export STILLMAP_SHUTDOWNS=200 STILLMAP_KILLS=60 ;;
   *) echo "test.sh: unknown argument $*; usage: test.sh [--full]" >&2; exit 1 ;;
 esac
 
@@ -95,8 +95,8 @@ step "demo" scripts/demo.sh --frames 60 --out build/demo
 
 # Under sanitizers, scripts and the program's black-box tests say little more than the rooms' tests and take much longer;
 # the tracker's tests render their frames, which takes a sanitizer minutes. Threads meet in core, stream and runtime only.
-asan_programs=(core_test detect_test segment_test map_test stream_test eval_test pictures_test tum_log_test paired_test recorder_test)
-asan_tests=(-R '^(core_test|detect_test|segment_test|map_test|stream_test|eval_test|pictures_test|tum_log_test|paired_test|recorder_test)\.' -E 'SegmentWalkers\.Detected')
+asan_programs=(core_test detect_test segment_test map_test stream_test eval_test pictures_test tum_log_test paired_test recorder_test fuzz_test)
+asan_tests=(-R '^(core_test|detect_test|segment_test|map_test|stream_test|eval_test|pictures_test|tum_log_test|paired_test|recorder_test|fuzz_test)\.' -E 'SegmentWalkers\.Detected')
 tsan_programs=(core_test stream_test runtime_test)
 # FastTracksEveryFrameInOrder plays without pauses, which takes this sanitizer a minute and a half.
 tsan_tests=(-R '^(core_test\.|stream_test\.|runtime_test\.(Waker|Threads|Lockstep|Health|RunCounters))' -E 'FastTracksEveryFrameInOrder')
@@ -108,8 +108,9 @@ step "build with address and UB sanitizer" build asan "${asan_programs[@]}" &&
 step "build with thread sanitizer" build tsan "${tsan_programs[@]}" &&
   step "tests with thread sanitizer" run_ctest tsan "${tsan_tests[@]}"
 
-# ARM under emulation, and the packages: minutes each.
+# Ten minutes a target; ARM under emulation, and the packages: minutes each.
 if [ "$full" = yes ]; then
+  step "fuzzing" scripts/fuzz.sh 600
   for arm in aarch64 armhf; do
     step "libraries of $arm" toolchains/sysroot.sh "$arm" && step "build $arm" build "$arm" all &&
       step "tests on $arm" run_ctest "$arm"

@@ -43,6 +43,16 @@ bool write_file(int folder, const char* name, std::span<const std::byte> bytes) 
   return whole && closed;
 }
 
+/// A line of a list, whole or not at all: what half a line would be joined with spoils the list.
+bool append_line(int file, std::span<const std::byte> line) {
+  const off_t end = lseek(file, 0, SEEK_END);
+  if (write_all(file, line)) return true;
+  // Where not even that can be done, the line is the next one's trouble.
+  if (end >= 0) [[maybe_unused]]
+    const int cut = ftruncate(file, end);
+  return false;
+}
+
 /// Text on the stack.
 class Line {
  public:
@@ -131,8 +141,8 @@ bool Recorder::write(const FrameSlot& frame) {
                   depth_name.text());
   const Line colour("%s %s\n", colour_stamp.text(), colour_name.text());
   const Line depth("%s %s\n", depth_stamp.text(), depth_name.text());
-  return write_all(writer_->both, both.bytes()) && write_all(writer_->colour, colour.bytes()) &&
-         write_all(writer_->depth, depth.bytes());
+  return append_line(writer_->both, both.bytes()) && append_line(writer_->colour, colour.bytes()) &&
+         append_line(writer_->depth, depth.bytes());
 }
 
 void Recorder::close() {

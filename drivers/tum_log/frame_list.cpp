@@ -30,8 +30,9 @@ Result<std::vector<ListedPicture>> read_pictures(const std::string& folder, cons
   if (!rows.ok()) return rows.error();
   std::vector<ListedPicture> pictures;
   for (const TextRow& row : rows.value()) {
+    const bool complete = row.columns.size() >= 2 * per_row;
+    if (!complete && row.ends_the_file) break;  // cut off when whoever wrote it was
     for (std::size_t i = 0; i < per_row; ++i) {
-      const bool complete = row.columns.size() >= 2 * (i + 1);
       const std::optional<Nanoseconds> stamp_ns = complete ? parse_stamp(row.columns[2 * i]) : std::nullopt;
       if (!stamp_ns) {
         return wrong(path + ":" + std::to_string(row.line) + ": expected '" +

@@ -1,10 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <cstdio>
+#include <new>
 #include <string>
 
 #include "app/commands.h"
 #include "runtime/source.h"
 #include "runtime/version.h"
+
+namespace {
+
+/// Errors are one line, whatever stands in the name of a file.
+std::string one_line(std::string text) {
+  for (char& c : text) {
+    if (static_cast<unsigned char>(c) < ' ' || c == '\x7f') c = '?';
+  }
+  return text;
+}
+
+}  // namespace
 
 int main(int argc, char** argv) {
   CLI::App app{"Stillmap: RGB-D frames in, the camera's pose and a map of everything that stands still out."};
@@ -27,8 +40,13 @@ int main(int argc, char** argv) {
     std::fprintf(stderr, "stillmap: %s; see `stillmap --help` and `stillmap COMMAND --help`\n", e.what());
     return static_cast<int>(stillmap::ExitCode::WrongConfig);
   }
-  const stillmap::Status status = action();
-  if (status.ok()) return static_cast<int>(stillmap::ExitCode::Done);
-  std::fprintf(stderr, "stillmap: %s\n", status.error().message.c_str());
-  return static_cast<int>(status.error().exit_code);
+  try {
+    const stillmap::Status status = action();
+    if (status.ok()) return static_cast<int>(stillmap::ExitCode::Done);
+    std::fprintf(stderr, "stillmap: %s\n", one_line(status.error().message).c_str());
+    return static_cast<int>(status.error().exit_code);
+  } catch (const std::bad_alloc&) {
+    std::fputs("stillmap: out of memory; `stillmap plan` tells how much a configuration takes\n", stderr);
+    return static_cast<int>(stillmap::ExitCode::RunFailed);
+  }
 }

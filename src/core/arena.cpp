@@ -3,12 +3,14 @@
 
 #include <sys/mman.h>
 
+#include <new>
+
 namespace stillmap {
 
 Arena::Arena(std::size_t bytes) : capacity_(bytes) {
   void* memory =
       mmap(nullptr, bytes == 0 ? 1 : bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
-  STILLMAP_CHECK(memory != MAP_FAILED);
+  if (memory == MAP_FAILED) throw std::bad_alloc();
   memory_ = static_cast<std::byte*>(memory);
 }
 

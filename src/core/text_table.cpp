@@ -35,7 +35,7 @@ Result<std::vector<TextRow>> read_text_table(const std::string& path) {
   for (int number = 1; std::getline(file, line); ++number) {
     if (number == 1 && line.starts_with(kByteOrderMark)) line.erase(0, kByteOrderMark.size());
     std::vector<std::string> columns = split(line);
-    if (!columns.empty() && columns[0][0] != '#') rows.push_back({number, std::move(columns)});
+    if (!columns.empty() && columns[0][0] != '#') rows.push_back({number, std::move(columns), file.eof()});
   }
   // A folder opens like a file; only reading it fails.
   if (!file.eof())

@@ -15,6 +15,7 @@ namespace stillmap {
 struct TextRow {
   int line = 0;  ///< counted from 1, for errors
   std::vector<std::string> columns;
+  bool ends_the_file = false;  ///< without a newline: it may be cut off
 };
 
 /// Reads a table as the TUM RGB-D benchmark writes it: columns parted by blanks, tabs or commas; `#` starts a

@@ -18,8 +18,8 @@ struct BlockBounds {
   void add(BlockCoordinates at) {
     x0 = std::min(x0, at.x);
     y0 = std::min(y0, at.y);
-    x1 = std::max(x1, at.x + 1);
-    y1 = std::max(y1, at.y + 1);
+    x1 = std::max(x1, at.x);
+    y1 = std::max(y1, at.y);
   }
 };
 
@@ -51,9 +51,9 @@ Result<OccupancyImage> occupancy_image(const MapFile& map, double from_m, double
       if (in_band(blocks.block(i).at.z, z)) bounds.add(blocks.block(i).at);
     }
   }
-  if (bounds.x0 >= bounds.x1) return wrong("nothing is mapped between the heights; widen --from and --to");
-  const std::int64_t columns = std::int64_t{bounds.x1} - bounds.x0,
-                     rows = std::int64_t{bounds.y1} - bounds.y0;
+  if (bounds.x0 > bounds.x1) return wrong("nothing is mapped between the heights; widen --from and --to");
+  const std::int64_t columns = std::int64_t{bounds.x1} - bounds.x0 + 1,
+                     rows = std::int64_t{bounds.y1} - bounds.y0 + 1;
   if (columns > 4096 || rows > 4096)
     return wrong("the map is wider than 32768 voxels; it has no floor plan of one picture");
 

@@ -168,6 +168,12 @@ Status run_outcome(const RunContext& context) {
     return Error{ExitCode::UnreadableInput,
                  source + ": no frame could be used; the report (--report FILE) counts why"};
   }
+  if (const std::uint64_t failed = context.counters.record_failed.load(); failed > 0) {
+    return Error{
+        ExitCode::RunFailed,
+        fmt::format("--record {}: {} frames could not be written, the others play; is the disk full?",
+                    context.options.record, failed)};
+  }
   return {};
 }
 

@@ -82,6 +82,9 @@ class Arguments(ProgramTest):
             with self.subTest(args=args):
                 self.assert_error(stillmap(*args), WRONG_CONFIG, "--help", lines=1)
 
+    def test_errors_are_one_line_whatever_is_in_a_name(self):
+        self.assert_error(stillmap("check", "--set", "camera\n.width\x1b[2J=640"), WRONG_CONFIG, "camera?.width?[2J", lines=1)
+
     def test_wrong_configuration(self):
         bad_file = self.path / "bad.toml"
         bad_file.write_text("[track]\nfeaturs = 900\n")

@@ -60,6 +60,8 @@ struct Pipeline {
               .stream = config.stream.listen != "off",
               .log = driver.describe().is_log,
               .lockstep_delay = options.detector.delay,
+              .recorder_frames =
+                  options.record.empty() ? 0 : RecordLane::frames_held(config.record.buffer_frames),
               .trajectory_poses = 10'000},
         arena(planned_bytes(config, parts)),
         detector(with_detector ? blue_detector(config) : nullptr),

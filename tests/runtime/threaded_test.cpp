@@ -7,36 +7,22 @@
 #include <thread>
 
 #include "core/random.h"
-#include "tests/runtime/pipeline.h"
+#include "tests/runtime/running.h"
 
 namespace stillmap {
 namespace {
 
+using test::Gate;
+using test::kStopDeadline_s;
 using test::Pipeline;
+using test::Running;
+using test::wait_until;
 using test::wall_driver;
 using test::wall_frames;
 using test::WallScene;
 using Grab = test::ScriptedDriver::Grab;
 
 constexpr Nanoseconds kMillisecond = 1'000'000, kHour = 3'600'000'000'000;
-
-/// The run on a thread of its own, as the program's main thread is.
-struct Running {
-  explicit Running(Pipeline& p) : pipeline(p), thread([&p] { run_threads(*p.context); }) {}
-  /// Asks for the end; how long it took.
-  double stop_s() {
-    pipeline.stop.store(true);
-    const Nanoseconds begin = monotonic_now();
-    thread.join();
-    return to_seconds(monotonic_now() - begin);
-  }
-  void wait_for_frames(std::uint64_t count) const {
-    while (pipeline.context->counters.processed.load() < count)
-      std::this_thread::sleep_for(std::chrono::milliseconds(1));
-  }
-  Pipeline& pipeline;
-  std::thread thread;
-};
 
 TEST(Threads, ALogEndsWithEveryFrameAccounted) {
   for (const bool with_detector : {false, true}) {
@@ -63,7 +49,7 @@ TEST(Threads, StopsWithinTwoSecondsAtAnyMoment) {
     Running running(pipeline);
     const std::uint32_t after_us = random.below(300'000);
     std::this_thread::sleep_for(std::chrono::microseconds(after_us));
-    EXPECT_LT(running.stop_s(), 2) << "asked after " << after_us << " us";
+    EXPECT_LT(running.stop_s(), kStopDeadline_s) << "asked after " << after_us << " us";
     EXPECT_TRUE(run_outcome(*pipeline.context).ok());
     pipeline.expect_accounted();
   }
@@ -77,7 +63,7 @@ TEST(Threads, StopsWithinAPauseOfTheLog) {
   Running running(pipeline);
   running.wait_for_frames(2);
   std::this_thread::sleep_for(std::chrono::milliseconds(100));
-  EXPECT_LT(running.stop_s(), 2);
+  EXPECT_LT(running.stop_s(), kStopDeadline_s);
   pipeline.expect_accounted();
 }
 
@@ -101,7 +87,7 @@ TEST(Threads, StopsWhileTheCameraIsSilent) {
   Pipeline pipeline(driver);
   Running running(pipeline);
   running.wait_for_frames(1);
-  EXPECT_LT(running.stop_s(), 2);
+  EXPECT_LT(running.stop_s(), kStopDeadline_s);
   pipeline.expect_accounted();
 }
 
@@ -177,32 +163,10 @@ TEST(Threads, FastStopsWithinTwoSecondsAndCountsWhatWasOffered) {
     Running running(pipeline);
     const std::uint32_t after_us = random.below(200'000);
     std::this_thread::sleep_for(std::chrono::microseconds(after_us));
-    EXPECT_LT(running.stop_s(), 2) << "asked after " << after_us << " us";
+    EXPECT_LT(running.stop_s(), kStopDeadline_s) << "asked after " << after_us << " us";
     EXPECT_EQ(pipeline.dropped(), 0u);
     pipeline.expect_accounted();
   }
-}
-
-/// Holds stages up at their next piece of work.
-class Gate {
- public:
-  explicit Gate(RunContext& context) {
-    context.on_work = [this](Stage stage) {
-      std::atomic<bool>& held = held_[static_cast<std::size_t>(stage)];
-      while (held.load()) std::this_thread::sleep_for(std::chrono::milliseconds(1));
-    };
-  }
-  void hold(Stage stage) { held_[static_cast<std::size_t>(stage)] = true; }
-  void release_all() {
-    for (auto& held : held_) held = false;
-  }
-
- private:
-  std::array<std::atomic<bool>, kStageCount> held_{};
-};
-
-void wait_until(const std::function<bool()>& good) {
-  while (!good()) std::this_thread::sleep_for(std::chrono::milliseconds(1));
 }
 
 TEST(Threads, CaptureNeverStarvesWhileEveryConsumerHoldsAllItMay) {
@@ -246,7 +210,7 @@ TEST(Threads, EachStageThatIsHeldUpIsNamedAndTheRunGoesOn) {
     gate.release_all();
     const std::uint64_t before = context.counters.processed.load();
     running.wait_for_frames(before + 5);
-    EXPECT_LT(running.stop_s(), 2) << to_string(stage);
+    EXPECT_LT(running.stop_s(), kStopDeadline_s) << to_string(stage);
     pipeline.expect_accounted();
   }
 }
@@ -288,7 +252,7 @@ TEST(Threads, HaveTheirNames) {
   }
   for (const char* expected : {"decode", "capture", "track", "map", "detect", "stream"})
     EXPECT_EQ(names.count(expected), 1u) << expected;
-  EXPECT_LT(running.stop_s(), 2);
+  EXPECT_LT(running.stop_s(), kStopDeadline_s);
   pipeline.stages->stream->stop();
 }
 

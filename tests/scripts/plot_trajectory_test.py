@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """plot_trajectory.py: the figure it names is right, and bad files are refused."""
-import importlib.util
 import os
 import subprocess
 import sys
@@ -11,9 +10,8 @@ from pathlib import Path
 import numpy as np
 
 SCRIPT = Path(os.environ["STILLMAP_SCRIPTS"]) / "plot_trajectory.py"
-spec = importlib.util.spec_from_file_location("plot_trajectory", SCRIPT)
-plot_trajectory = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(plot_trajectory)
+sys.path.insert(0, str(SCRIPT.parent))
+import plot_trajectory  # noqa: E402
 
 
 class PlotTrajectoryTest(unittest.TestCase):

@@ -3,8 +3,10 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 
 #include <algorithm>
+#include <csignal>
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
@@ -125,6 +127,39 @@ TEST_F(RecorderFolder, WithoutAnEndItPlaysAllThatWasWritten) {
       },
       testing::ExitedWithCode(17), "");
   EXPECT_EQ(replay().size(), 4u);
+}
+
+TEST_F(RecorderFolder, AFullDiskLeavesNoHalfLineThatTheNextOneWouldJoin) {
+  // Files may not grow beyond a limit here, which the lists reach first: they are longer than a picture.
+  const auto in_child = [this] {
+    signal(SIGXFSZ, SIG_IGN);
+    const auto size = [this](const std::filesystem::path& name) {
+      return std::filesystem::file_size(folder_.path() / "log" / name);
+    };
+    Recorder recorder(setup());
+    Slot slot;
+    bool good = recorder.open().ok();
+    std::uintmax_t largest = 0;
+    int n = 0;
+    for (; n < 4 || size("associations.txt") < largest + 100; ++n) {
+      slot.draw(n);
+      good = good && recorder.write(slot);
+      for (const char* folder : {"rgb", "depth"}) {
+        for (const auto& file : std::filesystem::directory_iterator(folder_.path() / "log" / folder))
+          largest = std::max(largest, file.file_size());
+      }
+    }
+    const rlimit full{size("associations.txt") + 20, RLIM_INFINITY}, room{RLIM_INFINITY, RLIM_INFINITY};
+    setrlimit(RLIMIT_FSIZE, &full);
+    slot.draw(n);
+    good = good && !recorder.write(slot);
+    setrlimit(RLIMIT_FSIZE, &room);
+    slot.draw(n + 1);
+    good = good && recorder.write(slot);
+    recorder.close();
+    _exit(good && replay().size() == static_cast<std::size_t>(n) + 1 ? 17 : 1);
+  };
+  EXPECT_EXIT(in_child(), testing::ExitedWithCode(17), "");
 }
 
 TEST_F(RecorderFolder, AFrameThatCannotBeWrittenIsInNoList) {

@@ -77,6 +77,18 @@ TEST_F(FrameList, StampsThatDoNotRiseAreJumps) {
   EXPECT_EQ(pairs(), "1000>1000 2000>2000 1500>time_jump 2000>time_jump 2100>2100 ");
 }
 
+TEST_F(FrameList, ALastLineThatIsCutOffIsPassedOver) {
+  const std::string whole = "1.000 rgb/1.jpg 1.010 depth/1.png\n", last = "2.000 rgb/2.jpg 2.010 depth/2.png";
+  for (const std::size_t length : {0u, 3u, 5u, 12u, 16u, 20u, 21u}) {
+    write("associations.txt", whole + last.substr(0, length));
+    EXPECT_EQ(pairs(), "1000>1010 ") << length;
+  }
+  write("associations.txt", whole + last);
+  EXPECT_EQ(pairs(), "1000>1010 2000>2010 ");
+  write("associations.txt", whole + "2.000 rgb/2.jpg\n");
+  EXPECT_THAT(error(), HasSubstr("associations.txt:2"));
+}
+
 TEST_F(FrameList, ErrorsNameTheThingAndTheMend) {
   EXPECT_THAT(error(),
               testing::AllOf(HasSubstr(folder_.path().string()), HasSubstr("rgb.txt and depth.txt")));

@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <functional>
+#include <thread>
+
+#include "tests/runtime/pipeline.h"
+
+namespace stillmap::test {
+
+/// What the contract gives the stages to stop; a sanitizer makes them ten times slower.
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+constexpr double kStopDeadline_s = 20;
+#else
+constexpr double kStopDeadline_s = 2;
+#endif
+
+/// The run on a thread of its own, as the program's main thread is.
+struct Running {
+  explicit Running(Pipeline& p) : pipeline(p), thread([&p] { run_threads(*p.context); }) {}
+  /// Asks for the end; how long it took.
+  double stop_s() {
+    pipeline.stop.store(true);
+    const Nanoseconds begin = monotonic_now();
+    thread.join();
+    return to_seconds(monotonic_now() - begin);
+  }
+  void wait_for_frames(std::uint64_t count) const {
+    while (pipeline.context->counters.processed.load() < count)
+      std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+  Pipeline& pipeline;
+  std::thread thread;
+};
+
+/// Holds stages up at their next piece of work.
+class Gate {
+ public:
+  explicit Gate(RunContext& context) {
+    context.on_work = [this](Stage stage) {
+      std::atomic<bool>& held = held_[static_cast<std::size_t>(stage)];
+      while (held.load()) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    };
+  }
+  void hold(Stage stage) { held_[static_cast<std::size_t>(stage)] = true; }
+  void release_all() {
+    for (auto& held : held_) held = false;
+  }
+
+ private:
+  std::array<std::atomic<bool>, kStageCount> held_{};
+};
+
+inline void wait_until(const std::function<bool()>& good) {
+  while (!good()) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+}
+
+}  // namespace stillmap::test

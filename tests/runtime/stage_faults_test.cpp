@@ -1,0 +1,198 @@
+// SPDX-License-Identifier: Apache-2.0
+// Stages that are too slow, in the running pipeline. Who waits for whom is set by counts, never by a clock.
+#include <fcntl.h>
+#include <gtest/gtest.h>
+#include <sys/stat.h>
+
+#include "tests/runtime/running.h"
+
+namespace stillmap::test {
+namespace {
+
+using Grab = ScriptedDriver::Grab;
+
+/// A camera that is never too fast, unless the tracker is made too slow for it.
+class Slowable {
+ public:
+  Slowable()
+      : driver_({.name = "wall", .width = WallScene::kWidth, .height = WallScene::kHeight},
+                wall_frames(100'000), [this](int, FrameSlot& slot) { deliver(slot); }),
+        pipeline(driver_, {}, true, config()) {
+    pipeline.context->on_work = [this](Stage stage) {
+      if (stage == Stage::Track) track();
+    };
+  }
+  void slow(bool is) { slow_ = is; }
+
+  struct Change {
+    int step = 0;
+    std::uint64_t processed = 0, detector_runs = 0;
+  };
+  std::vector<Change> changes{{}};  ///< the track thread's: read it when the run has ended
+
+ private:
+  static Config config() {
+    Config config = WallScene::config();
+    config.mount.fps = 1;  // only lost frames are late then, on a machine of any speed
+    config.track.features = 300;
+    config.map.fuse_every = 8;
+    return config;
+  }
+  std::uint64_t unfinished() const {
+    const RunCounters& c = pipeline.context->counters;
+    return c.offered.load() - c.processed.load() - pipeline.dropped();
+  }
+  bool stopping() const { return pipeline.stop.load(); }
+  void deliver(FrameSlot& slot) {
+    wait_until([this] { return slow_ || stopping() || unfinished() == 0; });
+    const int round = next_++ % 400;
+    scene_.draw(round < 200 ? round : 399 - round, slot);
+  }
+  /// A slow tracker comes to a frame when others have been lost.
+  void track() {
+    const std::uint64_t lost = pipeline.dropped();
+    wait_until([&] { return !slow_ || stopping() || pipeline.dropped() > lost; });
+    const RunCounters& c = pipeline.context->counters;
+    const int step = pipeline.context->quality.load();
+    if (step != changes.back().step) changes.push_back({step, c.processed.load(), c.detector_runs.load()});
+  }
+
+  const WallScene scene_;
+  int next_ = 0;
+  std::atomic<bool> slow_{false};
+  ScriptedDriver driver_;
+
+ public:
+  Pipeline pipeline;
+};
+
+TEST(StageFaults, ASlowTrackerGivesUpQualityInTheDocumentedOrderAndTakesItBack) {
+  Slowable slowable;
+  Pipeline& pipeline = slowable.pipeline;
+  const RunCounters& c = pipeline.context->counters;
+  constexpr int kLast = static_cast<int>(kSheddingPlan.size()) - 1;
+  Running running(pipeline);
+  running.wait_for_frames(40);  // the first second does not count
+  EXPECT_EQ(c.quality_lowered.load(), 0u);
+  slowable.slow(true);
+  wait_until([&] { return pipeline.context->quality.load() == kLast; });
+  slowable.slow(false);
+  wait_until([&] { return pipeline.context->quality.load() == 0; });
+  running.wait_for_frames(c.processed.load() + 5);
+  running.stop_s();
+
+  const auto& changes = slowable.changes;
+  ASSERT_GE(changes.size(), 2u * kLast + 1);
+  for (int step = 0; step <= kLast; ++step) EXPECT_EQ(changes[static_cast<std::size_t>(step)].step, step);
+  for (std::size_t i = 1; i < changes.size(); ++i)
+    EXPECT_EQ(std::abs(changes[i].step - changes[i - 1].step), 1) << i;
+  EXPECT_EQ(changes.back().step, 0);
+  // While the last step held, the detector was given every sixth frame.
+  const auto &lowest = changes[kLast], &next = changes[kLast + 1];
+  EXPECT_LE(next.detector_runs - lowest.detector_runs, (next.processed - lowest.processed) / 6 + 2);
+  EXPECT_EQ(c.quality_lowered.load(), c.quality_raised.load());
+  EXPECT_GT(c.frames_shed.load(), 6u * 90);
+  pipeline.expect_accounted();
+}
+
+/// A disk that stalls: the recorder opens a picture's file, which is a pipe that nobody reads yet.
+class StalledDisk {
+ public:
+  explicit StalledDisk(int stalled_frame)
+      : folder_(std::filesystem::temp_directory_path() / ("stillmap_stall_" + std::to_string(getpid()))) {
+    std::filesystem::remove_all(folder_);
+    std::filesystem::create_directories(folder_ / "rgb");
+    const std::string stamp = std::to_string(WallScene::stamp_ns(stalled_frame));
+    pipe_ =
+        folder_ / "rgb" / (stamp.substr(0, stamp.size() - 9) + "." + stamp.substr(stamp.size() - 9) + ".jpg");
+    EXPECT_EQ(mkfifo(pipe_.c_str(), 0600), 0);
+  }
+  ~StalledDisk() {
+    if (reader_.joinable()) reader_.join();
+    std::filesystem::remove_all(folder_);
+  }
+  std::string folder() const { return folder_; }
+  void go_on() {
+    reader_ =
+        std::thread([this] { std::ifstream(pipe_).ignore(std::numeric_limits<std::streamsize>::max()); });
+  }
+  std::uint64_t lines() const {
+    std::ifstream list(folder_ / "associations.txt");
+    return static_cast<std::uint64_t>(std::count(std::istreambuf_iterator<char>(list), {}, '\n'));
+  }
+
+ private:
+  std::filesystem::path folder_, pipe_;
+  std::thread reader_;
+};
+
+/// A pipeline that records.
+struct Recording {
+  Recording(RgbdDriver& driver, const StalledDisk& disk, RunMode mode, bool with_detector)
+      : pipeline(driver, options(disk, mode), with_detector),
+        recorder({.folder = disk.folder(),
+                  .width = WallScene::kWidth,
+                  .height = WallScene::kHeight,
+                  .camera_profile = {}}) {
+    EXPECT_TRUE(recorder.open().ok());
+    lane.emplace(recorder, pipeline.config.record.buffer_frames, pipeline.context->counters);
+    pipeline.context->record = &*lane;
+  }
+  static RunOptions options(const StalledDisk& disk, RunMode mode) {
+    RunOptions o;
+    o.mode = mode;
+    o.record = disk.folder();
+    return o;
+  }
+  Pipeline pipeline;
+  Recorder recorder;
+  std::optional<RecordLane> lane;
+};
+
+TEST(StageFaults, CaptureNeverStarvesWhileTheDiskStallsAndEveryStageHoldsAllItMay) {
+  StalledDisk disk(5);
+  std::vector<Grab> grabs = wall_frames(100'000);
+  for (Grab& g : grabs) g.takes_ns = 2'000'000;
+  auto driver = wall_driver(false, grabs);
+  Recording recording(driver, disk, RunMode::Live, true);
+  Pipeline& pipeline = recording.pipeline;
+  const RunCounters& c = pipeline.context->counters;
+  Gate gate(*pipeline.context);
+  Running running(pipeline);
+  running.wait_for_frames(1);
+  gate.hold(Stage::Detect);
+  gate.hold(Stage::Map);
+  running.wait_for_frames(c.processed.load() + 8);
+  gate.hold(Stage::Track);
+  wait_until([&] { return c.record_left_out.load() >= 30; });  // the disk's buffer is full, too
+  EXPECT_EQ(pipeline.dropped(DropReason::NoFreeSlot), 0u);
+  EXPECT_EQ(c.recorded.load(), 5u);
+  gate.release_all();
+  disk.go_on();
+  wait_until([&] { return c.recorded.load() >= 20; });
+  EXPECT_LT(running.stop_s(), kStopDeadline_s);
+  recording.lane->finish();
+  EXPECT_EQ(c.recorded.load() + c.record_left_out.load(), c.offered.load());
+  EXPECT_EQ(c.record_failed.load(), 0u);
+  EXPECT_EQ(disk.lines(), c.recorded.load());
+  EXPECT_EQ(pipeline.dropped(DropReason::NoFreeSlot), 0u);
+  pipeline.expect_accounted();
+}
+
+TEST(StageFaults, TheEndOfTheStreamComesWhileTheDiskStallsAndNothingIsLostInFastMode) {
+  StalledDisk disk(30);
+  auto driver = wall_driver(true, wall_frames(32));  // the buffer holds what comes after
+  Recording recording(driver, disk, RunMode::Fast, false);
+  run_threads(*recording.pipeline.context);
+  const RunCounters& c = recording.pipeline.context->counters;
+  EXPECT_EQ(c.processed.load(), 32u);
+  EXPECT_LT(c.recorded.load(), 32u);
+  disk.go_on();
+  recording.lane->finish();
+  EXPECT_EQ(c.recorded.load(), 32u);
+  EXPECT_EQ(disk.lines(), 32u);
+  recording.pipeline.expect_accounted();
+}
+
+}  // namespace
+}  // namespace stillmap::test
