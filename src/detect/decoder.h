@@ -46,6 +46,8 @@ struct Grid {
   int stride_px = 0;
   std::size_t columns = 0, rows = 0;
   std::size_t cells() const { return columns * rows; }
+  std::size_t column(std::size_t cell) const { return cell % columns; }
+  std::size_t row(std::size_t cell) const { return cell / columns; }
 };
 Grid grid_of(const DecoderSetup& setup, int stride_px);
 /// Cells of all strides.

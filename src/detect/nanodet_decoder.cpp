@@ -129,8 +129,8 @@ void NanodetDecoder::decode_grid(const Grid& grid, const CellView& classes, cons
     std::array<float, 4> distance_px{};
     for (std::size_t side = 0; side < 4; ++side)
       distance_px[side] = px * expected_distance(distances, cell, side * bins_, bins_);
-    const float x = (static_cast<float>(cell % grid.columns) + cell_offset_) * px;
-    const float y = (static_cast<float>(cell / grid.columns) + cell_offset_) * px;
+    const float x = (static_cast<float>(grid.column(cell)) + cell_offset_) * px;
+    const float y = (static_cast<float>(grid.row(cell)) + cell_offset_) * px;
     boxes.add({x - distance_px[0], y - distance_px[1], x + distance_px[2], y + distance_px[3]}, class_id,
               planar_ ? 1 / (1 + std::exp(-value)) : value);
   };

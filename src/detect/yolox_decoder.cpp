@@ -21,8 +21,8 @@ void YoloxDecoder::decode(std::span<const Tensor> chosen, BoxSelection& boxes) c
       const float score = probability * view.at(cell, 4);
       if (!(score > threshold)) return;
       const auto px = static_cast<float>(stride);
-      const float x = (view.at(cell, 0) + static_cast<float>(cell % grid.columns)) * px;
-      const float y = (view.at(cell, 1) + static_cast<float>(cell / grid.columns)) * px;
+      const float x = (view.at(cell, 0) + static_cast<float>(grid.column(cell))) * px;
+      const float y = (view.at(cell, 1) + static_cast<float>(grid.row(cell))) * px;
       const float w = std::exp(view.at(cell, 2)) * px, h = std::exp(view.at(cell, 3)) * px;
       boxes.add({x - w / 2, y - h / 2, x + w / 2, y + h / 2}, class_id, score);
     };
