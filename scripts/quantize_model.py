@@ -64,6 +64,11 @@ def manifest_text(network, width, height, threshold):
     return "\n".join(f"{key} = {said[key]}" if (key := line.split(" ")[0]) in said else line for line in lines) + "\n"
 
 
+def write_network(path, network, size, threshold):
+    write_whole(path, network)
+    write_whole(path.with_suffix(".toml"), manifest_text(network, *size, threshold).encode())
+
+
 def print_report(report):
     boxes, layers = report["boxes"], report["layers"]
     print(f"boxes on {boxes['frames']} other frames: float {boxes['boxes_float']} over {boxes['threshold_float']}, "
@@ -81,7 +86,7 @@ def main():
     parser.add_argument("weights", type=Path)
     parser.add_argument("--log", type=Path, required=True, metavar="DIR")
     parser.add_argument("--out", type=Path, required=True, metavar="NETWORK.onnx")
-    parser.add_argument("--float", type=Path, dest="float_out", metavar="FLOAT.onnx", help="keep the float network, too")
+    parser.add_argument("--float", type=Path, dest="float_out", metavar="FLOAT.onnx", help="keep the float network, too, with a manifest")
     parser.add_argument("--report", type=Path, metavar="REPORT.json")
     parser.add_argument("--size", type=int, nargs=2, default=(320, 256), metavar=("WIDTH", "HEIGHT"), help="px of the input")
     parser.add_argument("--frames", type=int, default=16, metavar="N")
@@ -100,12 +105,11 @@ def main():
     except ImportFailed as error:
         fail(f"{error}; give NanoDet-Plus weights, ncnn's .param or ONNX")
     if args.float_out:
-        write_whole(args.float_out, float_model.SerializeToString())
+        write_network(args.float_out, float_model.SerializeToString(), args.size, args.threshold)
     int8_model, equal_model, parameters = quantize(float_model, read_blobs(spread[::2], *args.size))
     network = int8_model.SerializeToString()
     report = compare(equal_model, int8_model, parameters, read_blobs(spread[1::2], *args.size), args.threshold)
-    write_whole(args.out, network)
-    write_whole(args.out.with_suffix(".toml"), manifest_text(network, *args.size, report["boxes"]["threshold_int8"]).encode())
+    write_network(args.out, network, args.size, report["boxes"]["threshold_int8"])
     print_report(report)
     if args.report:
         write_whole(args.report, (json.dumps(report, indent=2) + "\n").encode())
