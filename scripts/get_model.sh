@@ -1,9 +1,12 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Installs the detector's network, NanoDet-Plus-m (int8), as models/nanodet_plus_m_int8.onnx.
+# Installs the detector's network, NanoDet-Plus-m (int8), as models/nanodet_plus_m_int8.onnx with its manifest beside it.
 #
-#   get_model.sh --from FOLDER   from a folder that holds nanodet_plus_m_int8.onnx
-#   get_model.sh                 fetches the weights that it is made from (RangiLyu/nanodet, Apache-2.0)
+#   get_model.sh [--from FOLDER] [--log DIR]
+#
+# The float weights (RangiLyu/nanodet, Apache-2.0) come from their release page, or from FOLDER, and are quantized with
+# pictures of the log DIR, which is TUM's fr1_xyz unless given. A FOLDER that holds the quantized network itself needs no
+# log, and nothing is computed; with --log its weights are quantized anew.
 #
 # STILLMAP_MODELS names another folder than models/ of the checkout.
 set -euo pipefail
@@ -11,42 +14,58 @@ here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 # shellcheck source=scripts/fetch.sh
 . "$here/fetch.sh"
 
-name=nanodet_plus_m_int8.onnx
+name=nanodet_plus_m_int8
+weights=nanodet-plus-m_416
 models=${STILLMAP_MODELS:-$here/../models}
 release=${STILLMAP_NANODET_URL:-https://github.com/RangiLyu/nanodet/releases/download/v1.0.0-alpha-1}
 
 from=
-case $# in
-  0) ;;
-  2) [ "$1" = --from ] || fail "unknown argument $1; usage: get_model.sh [--from FOLDER]"
-     from=$2 ;;
-  *) fail "usage: get_model.sh [--from FOLDER]" ;;
-esac
+log=
+while [ $# -gt 0 ]; do
+  case $1 in
+    --from) from=${2:-} ;;
+    --log) log=${2:-} ;;
+    *) fail "unknown argument $1; usage: get_model.sh [--from FOLDER] [--log DIR]" ;;
+  esac
+  [ -n "${2:-}" ] || fail "$1 needs a folder; usage: get_model.sh [--from FOLDER] [--log DIR]"
+  shift 2
+done
 
 mkdir -p "$models" || fail "cannot write $models; set STILLMAP_MODELS to a folder that you may write to"
 work=$(mktemp -d "$models/.get_model.XXXXXX") || fail "cannot write $models; set STILLMAP_MODELS to a folder that you may write to"
 trap 'rm -rf "$work"' EXIT
 
-if [ -n "$from" ]; then
-  [ -f "$from/$name" ] || fail "$from holds no $name; name the folder that does"
-  cp "$from/$name" "$work/$name"
-  check_pin "$work/$name" "$name"
-  mv "$work/$name" "$models/$name"
-  echo "installed $models/$name"
+install_network() {
+  mv "$work/$name.onnx" "$models/$name.onnx"
+  mv "$work/$name.toml" "$models/$name.toml"
+  echo "installed $models/$name.onnx with its manifest $name.toml"
+}
+
+if [ -n "$from" ] && [ -z "$log" ] && [ -f "$from/$name.onnx" ]; then
+  cp "$from/$name.onnx" "$work/$name.onnx"
+  check_pin "$work/$name.onnx" "$name.onnx"
+  sum=$(sha256sum "$work/$name.onnx" | cut -d ' ' -f 1)
+  sed "s/^sha256 = .*/sha256 = \"$sum\"/" "$here/../firmware-config/models/nanodet_plus_m.toml" >"$work/$name.toml"
+  install_network
   exit 0
 fi
 
-archive=nanodet-plus-m_416_ncnn.zip
-download "$release/$archive" "$work/$archive"
-python3 -m zipfile -e "$work/$archive" "$work/unpacked" || fail "$release/$archive is no zip archive; nothing was installed"
-for part in nanodet-plus-m_416.param nanodet-plus-m_416.bin; do
-  file=$(find "$work/unpacked" -type f -name "$part" -print -quit)
-  [ -n "$file" ] || fail "$archive holds no $part; nothing was installed"
-  mv "$file" "$work/$part"
+source=$from
+if [ -z "$from" ]; then
+  archive=${weights}_ncnn.zip
+  download "$release/$archive" "$work/$archive"
+  source=$work/unpacked
+  python3 -m zipfile -e "$work/$archive" "$source" || fail "$release/$archive is no zip archive; nothing was installed"
+fi
+for part in "$weights.param" "$weights.bin"; do
+  file=$(find "$source" -type f -name "$part" -print -quit 2>/dev/null) || true
+  [ -n "$file" ] || fail "${from:-$archive} holds no $part${from:+ and no $name.onnx}; nothing was installed"
+  cp "$file" "$work/$part"
   check_pin "$work/$part" "$part"
 done
-for part in nanodet-plus-m_416.param nanodet-plus-m_416.bin; do
-  mv "$work/$part" "$models/$part"
-  echo "fetched $models/$part (float16 weights in ncnn's format, from $release/$archive)"
-done
-fail "the weights are here, but their conversion to $name comes with a later version; until then get_model.sh --from FOLDER"
+if [ -z "$log" ]; then
+  "$here/get_tum.sh" fr1_xyz "$here/../data"
+  log=$here/../data/fr1_xyz
+fi
+"$here/quantize_model.py" "$work/$weights.param" --log "$log" --out "$work/$name.onnx"
+install_network

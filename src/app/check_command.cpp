@@ -3,7 +3,7 @@
 #include <memory>
 
 #include "app/commands.h"
-#include "core/config.h"
+#include "detect/model_file.h"
 
 namespace stillmap {
 
@@ -20,7 +20,7 @@ void add_check_command(CLI::App& app, Action& action) {
   check_app->add_flag("--dump", o->dump, "Print every key with where its value came from");
   check_app->callback([o, &action] {
     action = [o]() -> Status {
-      const Result<LoadedConfig> loaded = load_config(o->configs, o->overrides);
+      const Result<LoadedConfig> loaded = load_config_of_model(o->configs, o->overrides);
       if (!loaded.ok()) return loaded.error();
       if (o->dump) std::fputs(config_text(loaded.value()).c_str(), stdout);
       return {};

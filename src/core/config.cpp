@@ -19,8 +19,9 @@ namespace stillmap {
 namespace {
 
 using Mount = std::optional<std::array<double, 7>>;
+using Triple = std::array<double, 3>;
 using Target = std::variant<bool*, int*, std::int64_t*, double*, std::string*, std::vector<std::string>*,
-                            Mount*, DynamicRule*>;
+                            std::vector<int>*, Triple*, Mount*, DynamicRule*>;
 
 /// One setting: where it is stored and what may stand there.
 struct Key {
@@ -36,6 +37,8 @@ struct Key {
 
 constexpr std::array<std::pair<const char*, DynamicRule>, 3> kRules{
     {{"off", DynamicRule::Off}, {"paper", DynamicRule::Paper}, {"silhouette", DynamicRule::Silhouette}}};
+
+constexpr std::array<const char*, 5> kDecoders{"nanodet_plus", "nanodet", "yolov5", "yolov8", "yolox"};
 
 /// Every key of the configuration. The one place that a new setting is added to, beside its field.
 std::vector<Key> describe(Config& c) {
@@ -103,8 +106,18 @@ std::vector<Key> describe(Config& c) {
       {"detector.model", &c.detector.model, "",
        "ONNX file, \"auto\" (the installed network, else none) or \"none\"", 0, 0, false, true},
       {"detector.sha256", &c.detector.sha256, "", "checksum of the model file; empty: not checked"},
+      {"detector.decoder", &c.detector.decoder, "",
+       "what the network's outputs mean: \"nanodet_plus\", \"nanodet\", \"yolov5\", \"yolov8\" or \"yolox\""},
       {"detector.input_width", &c.detector.input_width, "px", "network input, a multiple of 32", 64, 1280},
       {"detector.input_height", &c.detector.input_height, "px", "network input, a multiple of 32", 64, 1280},
+      {"detector.strides", &c.detector.strides, "px",
+       "input px from cell to cell of each output; empty: as the outputs' names say", 4, 128},
+      {"detector.colour_order", &c.detector.colour_order, "",
+       "order of the input's planes: \"bgr\" or \"rgb\""},
+      {"detector.mean", &c.detector.mean, "grey levels", "taken from blue, green and red", -255, 255},
+      {"detector.deviation", &c.detector.deviation, "grey levels", "what blue, green and red are divided by",
+       1e-3, 1000},
+      {"detector.pad", &c.detector.pad, "grey levels", "of the bars beside the picture", 0, 255},
       {"detector.score_threshold", &c.detector.score_threshold, "", "weaker detections are dropped", 0.01, 1},
       {"detector.nms_iou", &c.detector.nms_iou, "", "overlap above which the weaker box of a class goes",
        0.05, 1},
@@ -162,6 +175,12 @@ std::string quoted(const std::string& s) {
   return "\"" + s + "\"";
 }
 
+std::string list_text(const auto& items, const auto& text_of) {
+  std::string text = "[";
+  for (const auto& item : items) text += (text.size() > 1 ? ", " : "") + text_of(item);
+  return text + "]";
+}
+
 std::string value_text(const Target& target) {
   struct Print {
     std::string operator()(const bool* v) const { return *v ? "true" : "false"; }
@@ -169,16 +188,11 @@ std::string value_text(const Target& target) {
     std::string operator()(const std::int64_t* v) const { return std::to_string(*v); }
     std::string operator()(const double* v) const { return number_text(*v); }
     std::string operator()(const std::string* v) const { return quoted(*v); }
-    std::string operator()(const std::vector<std::string>* v) const {
-      std::string text = "[";
-      for (const std::string& s : *v) text += (text.size() > 1 ? ", " : "") + quoted(s);
-      return text + "]";
-    }
+    std::string operator()(const std::vector<std::string>* v) const { return list_text(*v, quoted); }
+    std::string operator()(const std::vector<int>* v) const { return list_text(*v, number_text); }
+    std::string operator()(const Triple* v) const { return list_text(*v, number_text); }
     std::string operator()(const Mount* v) const {
-      if (!v->has_value()) return "(unknown)";
-      std::string text = "[";
-      for (double d : **v) text += (text.size() > 1 ? ", " : "") + number_text(d);
-      return text + "]";
+      return v->has_value() ? list_text(**v, number_text) : "(unknown)";
     }
     std::string operator()(const DynamicRule* v) const {
       for (const auto& [name, rule] : kRules) {
@@ -201,6 +215,8 @@ std::string expectation(const Key& key) {
     std::string operator()(const double*) const { return "a number" + range; }
     std::string operator()(const std::string*) const { return "a text"; }
     std::string operator()(const std::vector<std::string>*) const { return "a list of texts"; }
+    std::string operator()(const std::vector<int>*) const { return "a list of whole numbers" + range; }
+    std::string operator()(const Triple*) const { return "[blue, green, red]" + range; }
     std::string operator()(const Mount*) const {
       return "[x, y, z, qx, qy, qz, qw] in m and a unit quaternion";
     }
@@ -255,15 +271,33 @@ bool assign(Key& key, const toml::node& node) {
       *to = std::move(items);
       return true;
     }
-    bool operator()(Mount* to) const {
+    bool operator()(std::vector<int>* to) const {
       const toml::array* array = node.as_array();
-      if (array == nullptr || array->size() != 7) return false;
-      std::array<double, 7> v{};
-      for (std::size_t i = 0; i < 7; ++i) {
-        if (!(*array)[i].is_number()) return false;
-        v[i] = *(*array)[i].value<double>();
-        if (!in_range(v[i])) return false;
+      if (array == nullptr) return false;
+      std::vector<int> items;
+      for (const toml::node& item : *array) {
+        if (!Store{key, item}(&items.emplace_back())) return false;
       }
+      *to = std::move(items);
+      return true;
+    }
+    bool fill(std::span<double> to) const {
+      const toml::array* array = node.as_array();
+      if (array == nullptr || array->size() != to.size()) return false;
+      for (std::size_t i = 0; i < to.size(); ++i) {
+        if (!Store{key, (*array)[i]}(&to[i])) return false;
+      }
+      return true;
+    }
+    bool operator()(Triple* to) const {
+      Triple v{};
+      if (!fill(v)) return false;
+      *to = v;
+      return true;
+    }
+    bool operator()(Mount* to) const {
+      std::array<double, 7> v{};
+      if (!fill(v)) return false;
       const double n = v[3] * v[3] + v[4] * v[4] + v[5] * v[5] + v[6] * v[6];
       if (std::abs(n - 1) > 1e-3) return false;
       *to = v;
@@ -394,6 +428,23 @@ Status check_depth_camera(const Config::Device& d) {
   return check_lens(lens, "camera.depth.");
 }
 
+Status check_detector(const Config::Detector& d) {
+  if (std::ranges::find(kDecoders, d.decoder) == kDecoders.end())
+    return wrong("detector.decoder = \"" + d.decoder + "\" is none of " + list_text(kDecoders, quoted));
+  if (d.input_width % 32 != 0 || d.input_height % 32 != 0) {
+    return wrong("detector.input_width, detector.input_height = " + std::to_string(d.input_width) + ", " +
+                 std::to_string(d.input_height) + " px must be multiples of 32");
+  }
+  if (d.colour_order != "bgr" && d.colour_order != "rgb")
+    return wrong("detector.colour_order = \"" + d.colour_order + "\" must be \"bgr\" or \"rgb\"");
+  const bool hex = d.sha256.find_first_not_of("0123456789abcdef") == std::string::npos;
+  if (!d.sha256.empty() && (!hex || d.sha256.size() != 64)) {
+    return wrong("detector.sha256 = \"" + d.sha256 +
+                 "\" is not 64 lower-case hexadecimal digits (sha256sum FILE)");
+  }
+  return {};
+}
+
 Status check_whole(const Config& c) {
   if (c.camera.depth_min_m >= c.camera.depth_max_m) {
     return wrong("camera.depth_min_m = " + number_text(c.camera.depth_min_m) +
@@ -410,15 +461,7 @@ Status check_whole(const Config& c) {
   if (c.record.colour != "jpeg" && c.record.colour != "png") {
     return wrong("record.colour = \"" + c.record.colour + "\" must be \"jpeg\" or \"png\"");
   }
-  if (c.detector.input_width % 32 != 0 || c.detector.input_height % 32 != 0) {
-    return wrong("detector.input_width, detector.input_height = " + std::to_string(c.detector.input_width) +
-                 ", " + std::to_string(c.detector.input_height) + " px must be multiples of 32");
-  }
-  const bool hex = c.detector.sha256.find_first_not_of("0123456789abcdef") == std::string::npos;
-  if (!c.detector.sha256.empty() && (!hex || c.detector.sha256.size() != 64)) {
-    return wrong("detector.sha256 = \"" + c.detector.sha256 +
-                 "\" is not 64 lower-case hexadecimal digits (sha256sum FILE)");
-  }
+  if (Status s = check_detector(c.detector); !s.ok()) return s;
   if (c.track.weak_inliers < c.track.min_inliers) {
     return wrong("track.weak_inliers = " + std::to_string(c.track.weak_inliers) +
                  " must not be less than track.min_inliers = " + std::to_string(c.track.min_inliers));

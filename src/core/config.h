@@ -54,7 +54,13 @@ struct Config {
   struct Detector {
     std::string model = "auto";
     std::string sha256;
+    // Of the model; a manifest beside it says them all. The defaults are NanoDet-Plus's.
+    std::string decoder = "nanodet_plus";
     int input_width = 320, input_height = 256;
+    std::vector<int> strides;  ///< px of the input between two cells; empty: as the names of the outputs say
+    std::string colour_order = "bgr";
+    std::array<double, 3> mean{103.53, 116.28, 123.675}, deviation{57.375, 57.12, 58.395};
+    int pad = 0;
     double score_threshold = 0.35;
     double nms_iou = 0.6;
     int max_age_ms = 700;

@@ -11,13 +11,13 @@
 
 namespace stillmap {
 
-/// A NanoDet-Plus network that finds the objects of a colour picture. One thread at a time. OpenCV's dnn,
-/// which runs the network, takes heap memory for every picture; nothing else here does after open().
+/// A network that finds the objects of a colour picture. One thread at a time. OpenCV's dnn, which runs the
+/// network, takes heap memory for every picture; nothing else here does after open().
 class Detector {
  public:
   /// Loads the network and proves it on one blank picture of the camera's size, which also warms it up.
-  /// Errors: UnreadableInput where the file is no network that can be run, or not of this kind; WrongConfig
-  /// where `detector.input_*` is no multiple of 32 or the number of classes is not that of `classes.names`.
+  /// Errors: UnreadableInput where the file is no network that can be run, or not what `detector.decoder`
+  /// reads; WrongConfig where the number of classes is not that of `classes.names`.
   static Result<std::unique_ptr<Detector>> open(const Config& config, const std::string& model_path);
   ~Detector();
 

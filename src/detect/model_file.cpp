@@ -36,6 +36,45 @@ std::vector<fs::path> model_folders() {
   return folders;
 }
 
+/// The file that "auto" stands for, or nothing, with the folders that were looked through.
+struct Found {
+  std::string path, searched;
+};
+Found find_default_model() {
+  Found found;
+  for (const fs::path& folder : model_folders()) {
+    std::error_code error;
+    if (fs::exists(folder / kDefaultModelName, error)) {
+      found.path = folder / kDefaultModelName;
+      break;
+    }
+    found.searched += (found.searched.empty() ? "" : ", ") + folder.string();
+  }
+  return found;
+}
+
+/// What a manifest must say, so that nothing of another network is taken for granted.
+constexpr std::array kNeeded{"detector.decoder",      "detector.sha256",   "detector.input_width",
+                             "detector.input_height", "detector.strides",  "detector.colour_order",
+                             "detector.mean",         "detector.deviation"};
+
+Status check_manifest(const LoadedConfig& loaded, const std::string& manifest) {
+  const auto wrong = [&](const std::string& what) {
+    return Error{ExitCode::WrongConfig, manifest + ": " + what};
+  };
+  for (const ConfigEntry& entry : loaded.entries) {
+    const bool is_own = entry.key.starts_with("detector.") || entry.key.starts_with("classes.");
+    if (entry.origin == manifest && (!is_own || entry.key == "detector.model"))
+      return wrong("key '" + entry.key + "' is not the model's; move it to a file of --config");
+    const bool is_missing = entry.origin == "default" || entry.origin == "built in" ||
+                            (entry.origin == manifest && entry.value == "\"\"");
+    if (is_missing && std::ranges::find(kNeeded, entry.key) != kNeeded.end())
+      return wrong("key '" + entry.key + "' is missing; expected " + entry.help +
+                   "; firmware-config/models has whole examples");
+  }
+  return {};
+}
+
 Error unreadable(const std::string& path, const std::string& why) {
   return {ExitCode::UnreadableInput, "detector.model: '" + path + "' " + why + "; " + kMend};
 }
@@ -82,6 +121,25 @@ std::string canonical(std::string text) {
 
 }  // namespace
 
+Result<LoadedConfig> load_config_of_model(std::span<const std::string> files,
+                                          std::span<const std::string> overrides) {
+  Result<LoadedConfig> plain = load_config(files, overrides);
+  if (!plain.ok()) return plain;
+  std::string model = plain.value().config.detector.model;
+  if (model == "auto") model = find_default_model().path;
+  if (model.empty() || model == "none") return plain;
+  const std::string manifest = fs::path(model).replace_extension(".toml");
+  std::error_code error;
+  if (!fs::exists(manifest, error)) return plain;
+  std::vector<std::string> with_manifest{manifest};
+  with_manifest.insert(with_manifest.end(), files.begin(), files.end());
+  Result<LoadedConfig> loaded = load_config(with_manifest, overrides);
+  const Status checked = loaded.ok() ? check_manifest(loaded.value(), manifest) : loaded.error();
+  if (!checked.ok())
+    return Error{ExitCode::WrongConfig, "manifest of '" + model + "': " + checked.error().message};
+  return loaded;
+}
+
 Result<ModelFile> find_model(const Config::Detector& detector) {
   if (detector.model == "none") return ModelFile{};
   const std::string expected = canonical(detector.sha256);
@@ -93,17 +151,10 @@ Result<ModelFile> find_model(const Config::Detector& detector) {
   const bool is_auto = detector.model == "auto";
   ModelFile model;
   if (is_auto) {
-    std::string searched;
-    for (const fs::path& folder : model_folders()) {
-      std::error_code error;
-      if (fs::exists(folder / kDefaultModelName, error)) {
-        model.path = folder / kDefaultModelName;
-        break;
-      }
-      searched += (searched.empty() ? "" : ", ") + folder.string();
-    }
+    const Found found = find_default_model();
+    model.path = found.path;
     if (model.path.empty()) {
-      model.warning = std::string("no detector: ") + kDefaultModelName + " is in none of " + searched +
+      model.warning = std::string("no detector: ") + kDefaultModelName + " is in none of " + found.searched +
                       "; moving people will not be recognised; " + kMend;
       return model;
     }
@@ -115,8 +166,8 @@ Result<ModelFile> find_model(const Config::Detector& detector) {
   model.sha256 = found.value();
   const std::string wanted = expected.empty() && is_auto ? kDefaultModelSha256 : expected;
   if (!wanted.empty() && wanted != model.sha256) {
-    return unreadable(model.path,
-                      "is not the expected file: SHA-256 expected " + wanted + ", found " + model.sha256);
+    return unreadable(model.path, "is not the expected file: SHA-256 (detector.sha256) expected " + wanted +
+                                      ", found " + model.sha256);
   }
   return model;
 }

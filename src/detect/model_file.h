@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <span>
 #include <string>
 #include <string_view>
 
@@ -20,6 +21,13 @@ struct ModelFile {
   std::string sha256;   ///< of the file's bytes, 64 hex digits; empty without a file
   std::string warning;  ///< one line for the user where "auto" found nothing; else empty
 };
+
+/// load_config() with the manifest of `detector.model` beneath `files`, where there is one: `net.toml` beside
+/// `net.onnx`, in the configuration's own form, with keys of `detector` and `classes` alone. At start.
+/// Errors: WrongConfig as load_config(), and where the manifest says something else or not all that a network
+/// needs.
+Result<LoadedConfig> load_config_of_model(std::span<const std::string> files,
+                                          std::span<const std::string> overrides);
 
 /// Finds and verifies `detector.model`, at start. A path must exist; "none" is no file; "auto" is the default
 /// network in the first of $STILLMAP_MODELS, ./models, <executable's folder>/../../../models (a checkout) and

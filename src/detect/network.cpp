@@ -11,6 +11,7 @@
 #include <opencv2/imgproc.hpp>
 #include <optional>
 #include <string_view>
+#include <utility>
 
 #include "core/check.h"
 #include "detect/int8_convolution.h"
@@ -108,7 +109,6 @@ Error failed(const std::exception& e) {
 struct Network::Impl {
   cv::dnn::Net net;
   cv::Mat resized, input;
-  std::vector<cv::String> chosen;
   std::vector<cv::Mat> outputs;
 };
 
@@ -144,22 +144,17 @@ Status Network::load(const std::string& path) {
     impl_->net = cv::dnn::readNetFromONNX(path);
     impl_->net.setPreferableBackend(cv::dnn::DNN_BACKEND_OPENCV);
     impl_->net.setPreferableTarget(cv::dnn::DNN_TARGET_CPU);
-    for (const cv::String& name : impl_->net.getUnconnectedOutLayersNames())
-      names_.emplace_back(plain_name(name));
+    names_ = impl_->net.getUnconnectedOutLayersNames();
   } catch (const std::exception& e) {
     return failed(e);
   }
   return {};
 }
 
-void Network::choose_outputs(std::span<const std::string> names) {
-  impl_->chosen.clear();
-  for (const std::string& name : names) {
-    for (const cv::String& full : impl_->net.getUnconnectedOutLayersNames()) {
-      if (plain_name(full) == name) impl_->chosen.push_back(full);
-    }
-  }
-  STILLMAP_CHECK(impl_->chosen.size() == names.size());
+void Network::choose_outputs(std::span<const std::size_t> chosen) {
+  std::vector<std::string> names;
+  for (const std::size_t i : chosen) names.push_back(names_[i]);
+  names_ = std::move(names);
 }
 
 void Network::fill_input(ImageView<const Bgr> colour) {
@@ -186,22 +181,23 @@ Status Network::run(ImageView<const Bgr> colour) {
   try {
     fill_input(colour);
     impl_->net.setInput(impl_->input);
-    impl_->net.forward(impl_->outputs, impl_->chosen);
+    impl_->net.forward(impl_->outputs, names_);
   } catch (const std::exception& e) {
     return failed(e);
   }
   return {};
 }
 
-Network::Output Network::output(std::size_t i) const {
+Tensor Network::output(std::size_t i) const {
   const cv::Mat& m = impl_->outputs[i];
-  Output output;
-  if (m.type() != CV_32F || !m.isContinuous() || m.dims > static_cast<int>(output.shape.size()))
-    return output;
-  output.dimensions = m.dims;
-  std::copy_n(m.size.p, m.dims, output.shape.begin());
-  output.values = {m.ptr<float>(), m.total()};
-  return output;
+  Tensor tensor;
+  tensor.name = plain_name(names_[i]);
+  if (m.type() != CV_32F || !m.isContinuous() || m.dims > static_cast<int>(tensor.shape.size()))
+    return tensor;
+  tensor.dimensions = m.dims;
+  std::copy_n(m.size.p, m.dims, tensor.shape.begin());
+  tensor.values = {m.ptr<float>(), m.total()};
+  return tensor;
 }
 
 std::string Network::library() {

@@ -10,6 +10,7 @@
 #include "core/image.h"
 #include "core/status.h"
 #include "detect/letterbox.h"
+#include "detect/tensor.h"
 
 namespace stillmap {
 
@@ -24,26 +25,19 @@ struct InputFormat {
 /// place that knows OpenCV. One thread at a time. OpenCV takes heap memory for every run.
 class Network {
  public:
-  struct Output {
-    int dimensions = 0;
-    std::array<int, 4> shape{};     ///< the first `dimensions` count
-    std::span<const float> values;  ///< valid until the next run
-  };
-
   Network(const Letterbox& letterbox, const InputFormat& format);
   ~Network();
 
   /// Errors: what the library says, in one line.
   Status load(const std::string& path);
-  /// The names of what the file puts out, without the prefixes of importer and quantizer, in no order.
-  const std::vector<std::string>& output_names() const { return names_; }
-  /// Names what run() shall give: some of output_names().
-  void choose_outputs(std::span<const std::string> names);
   /// Puts a picture of the letterbox's size (checked) through the network. Errors: what the library says.
   Status run(ImageView<const Bgr> colour);
-  /// The i-th chosen output of the last run; without dimensions where it has more than four or is
-  /// not made of floats.
-  Output output(std::size_t i) const;
+  /// All outputs of the file, in no order, or those of choose_outputs() in its order.
+  std::size_t output_count() const { return names_.size(); }
+  /// The i-th output of the last run.
+  Tensor output(std::size_t i) const;
+  /// From now on, run() gives these of the present outputs.
+  void choose_outputs(std::span<const std::size_t> chosen);
   /// The library's and the kernels' names, for people.
   static std::string library();
 
@@ -55,7 +49,7 @@ class Network {
   Letterbox letterbox_;
   std::array<std::array<float, 256>, 3> normalised_{};  // by plane and grey level
   std::array<int, 3> channel_of_plane_{};
-  std::vector<std::string> names_;
+  std::vector<std::string> names_;  // as the file has them, of the outputs
 };
 
 }  // namespace stillmap

@@ -217,7 +217,7 @@ Status run(const RunOptions& asked) {
   const Result<RunOptions> completed = complete(asked);
   if (!completed.ok()) return completed.error();
   const RunOptions& options = completed.value();
-  const Result<LoadedConfig> loaded = load_config(options.configs, options.overrides);
+  const Result<LoadedConfig> loaded = load_config_of_model(options.configs, options.overrides);
   if (!loaded.ok()) return loaded.error();
   Config config = loaded.value().config;
   if (!options.listen.empty()) config.stream.listen = options.listen;

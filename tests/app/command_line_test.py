@@ -132,6 +132,26 @@ class Arguments(ProgramTest):
         classes = stillmap(*run_args(detector=["--set", f"detector.model={MODEL}"]))  # the classes are COCO's
         self.assert_error(classes, WRONG_CONFIG, "classes.names")
 
+    def test_a_manifest_beside_the_model(self):
+        model, manifest = self.path / "own.onnx", self.path / "own.toml"
+        model.write_bytes(MODEL.read_bytes())
+        whole = (SOURCE / "firmware-config/models/nanodet_plus_m.toml").read_text()
+        said = re.sub('sha256 = ".*"', f'sha256 = "{hashlib.sha256(MODEL.read_bytes()).hexdigest()}"', whole) + '[classes]\nnames = ["person"]\n'
+        given = ["--set", f"detector.model={model}", "--set", "classes.dynamic=['person']", "--set", "classes.semi_static=[]", "--set", "classes.static=[]"]
+        manifest.write_text(said)
+        right = stillmap(*run_args("--mode", "lockstep", "--duration", "0.2", detector=given))
+        self.assertEqual(right.returncode, DONE, right.stderr)
+        dump = stillmap("check", *CAMERA, *given, "--dump")
+        self.assertRegex(dump.stdout, rf'classes.names = \["person"\] .* from {re.escape(str(manifest))}')
+        manifest.write_text(said.replace("nanodet_plus", "yolox"))
+        self.assert_error(stillmap(*run_args(detector=given)), UNREADABLE_INPUT, str(model), "yolox", str(manifest))
+        for wrong, words in (("nanodet_minus", ["detector.decoder", "yolov5"]), ("", ["detector.decoder"])):
+            manifest.write_text(said.replace("nanodet_plus", wrong))
+            for command in (["check", *CAMERA, *given], run_args(detector=given)):
+                self.assert_error(stillmap(*command), WRONG_CONFIG, f"manifest of '{model}'", *words)
+        manifest.write_text(whole)
+        self.assert_error(stillmap(*run_args(detector=given)), UNREADABLE_INPUT, "detector.sha256")
+
     def test_listening(self):
         with socket.create_server(("127.0.0.1", 0)) as taken:
             port = taken.getsockname()[1]

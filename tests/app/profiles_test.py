@@ -6,7 +6,7 @@ import unittest
 from program import DONE, SOURCE, stillmap
 
 FIRMWARE = SOURCE / "firmware-config"
-BOARDS, CAMERAS, CLASSES = (sorted((FIRMWARE / kind).glob("*.toml")) for kind in ("boards", "cameras", "classes"))
+BOARDS, CAMERAS, CLASSES, MODELS = (sorted((FIRMWARE / kind).glob("*.toml")) for kind in ("boards", "cameras", "classes", "models"))
 # Of the smallest model that is sold. Others want memory, too: a budget is at most a fifth of it.
 BOARD_RAM_MB = {"raspberry-pi-5": 2048, "raspberry-pi-4": 1024, "jetson-orin-nano": 4096, "rk3588": 4096, "two-core": 1024}
 
@@ -25,8 +25,8 @@ class ProfilesTest(unittest.TestCase):
                     self.assertEqual(result.returncode, DONE, result.stderr)
                     self.assertLessEqual(budget_mb(result.stdout), BOARD_RAM_MB[board.stem] / 5)
 
-    def test_every_class_table_loads(self):
-        for table in [*CLASSES, FIRMWARE / "demo.toml"]:
+    def test_every_table_of_classes_and_models_loads(self):
+        for table in [*CLASSES, *MODELS, FIRMWARE / "demo.toml"]:
             with self.subTest(table=table.stem):
                 result = stillmap("check", "--config", CAMERAS[0], "--config", table)
                 self.assertEqual(result.returncode, DONE, result.stderr)

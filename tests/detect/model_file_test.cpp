@@ -114,6 +114,94 @@ TEST_F(ModelFileTest, RefusesWhatCannotBeRead) {
   }
 }
 
+const std::vector<std::string> kCamera{STILLMAP_SOURCE_DIR "/firmware-config/cameras/tum-fr1.toml"};
+
+/// Everything that a manifest must say, line by line.
+std::vector<std::string> manifest_lines() {
+  return {"decoder = 'yolox'", "sha256 = '" + std::string(kAbc) + "'",
+          "input_width = 416", "input_height = 416",
+          "strides = [8, 16]", "colour_order = 'rgb'",
+          "mean = [0, 0, 0]",  "deviation = [1, 1, 1]"};
+}
+std::string manifest_text(const std::vector<std::string>& lines) {
+  std::string text = "[detector]\n";
+  for (const std::string& line : lines) text += line + "\n";
+  return text;
+}
+
+TEST_F(ModelFileTest, AManifestLiesBeneathWhatTheUserSays) {
+  const std::string model = write("net.onnx", "abc");
+  write("net.toml", manifest_text(manifest_lines()) + "pad = 9\n[classes]\nnames = ['person', 'vest']\n");
+  const std::string own = write("own.toml", "[detector]\nmodel = 'net.onnx'\npad = 7\n");
+  const auto loaded = load_config_of_model(std::vector{kCamera[0], own},
+                                           std::vector<std::string>{"detector.input_width=320"});
+  ASSERT_TRUE(loaded.ok()) << loaded.error().message;
+  const Config::Detector& d = loaded.value().config.detector;
+  EXPECT_EQ(d.decoder, "yolox");
+  EXPECT_THAT(d.strides, testing::ElementsAre(8, 16));
+  EXPECT_THAT(d.deviation, testing::ElementsAre(1, 1, 1));
+  EXPECT_EQ(d.input_width, 320);
+  EXPECT_EQ(d.input_height, 416);
+  EXPECT_EQ(d.pad, 7);
+  EXPECT_THAT(loaded.value().config.classes.names, testing::ElementsAre("person", "vest"));
+  EXPECT_TRUE(find_model(d).ok());
+  write("net.onnx", "abd");
+  expect_refused(find_model(d), ExitCode::UnreadableInput, std::string("detector.sha256) expected ") + kAbc);
+}
+
+TEST_F(ModelFileTest, AManifestOfTheInstalledNetworkReplacesItsChecksum) {
+  write("given/nanodet_plus_m_int8.onnx", "abc");
+  write("given/nanodet_plus_m_int8.toml", manifest_text(manifest_lines()));
+  const auto loaded = load_config_of_model(kCamera, {});
+  ASSERT_TRUE(loaded.ok()) << loaded.error().message;
+  EXPECT_EQ(find_model(loaded.value().config.detector).value().sha256, kAbc);
+  write("given/nanodet_plus_m_int8.toml", manifest_text(manifest_lines()) + "model = 'other.onnx'\n");
+  const auto another = load_config_of_model(kCamera, {});
+  ASSERT_FALSE(another.ok());
+  EXPECT_THAT(another.error().message, HasSubstr("key 'detector.model' is not the model's; move it"));
+}
+
+TEST_F(ModelFileTest, WithoutAManifestItIsNanodetPlus) {
+  for (const std::string& model : {write("net.onnx", "abc"), std::string("none"), std::string("auto")}) {
+    const auto loaded = load_config_of_model(kCamera, std::vector<std::string>{"detector.model=" + model});
+    ASSERT_TRUE(loaded.ok()) << loaded.error().message;
+    EXPECT_EQ(loaded.value().config.detector.decoder, "nanodet_plus");
+    EXPECT_EQ(loaded.value().config.detector.input_width, 320);
+    EXPECT_EQ(loaded.value().config.classes.names.size(), 80u);
+  }
+}
+
+TEST_F(ModelFileTest, RefusesAWrongManifestByKeyExpectationAndMend) {
+  const std::vector<std::string> keys{"detector.model=" + write("net.onnx", "abc")};
+  const auto expect = [&](const std::string& text, std::initializer_list<const char*> words) {
+    const std::string manifest = write("net.toml", text);
+    const auto loaded = load_config_of_model(kCamera, keys);
+    ASSERT_FALSE(loaded.ok()) << text;
+    EXPECT_EQ(loaded.error().exit_code, ExitCode::WrongConfig);
+    EXPECT_THAT(loaded.error().message, AllOf(HasSubstr("manifest of '"), Not(HasSubstr("\n"))));
+    for (const char* word : words) EXPECT_THAT(loaded.error().message, HasSubstr(word)) << text;
+  };
+  const std::vector<std::string> whole = manifest_lines();
+  for (std::size_t i = 0; i < whole.size(); ++i) {
+    std::vector<std::string> lines = whole;
+    lines.erase(lines.begin() + static_cast<std::ptrdiff_t>(i));
+    const std::string key =
+        "key 'detector." + whole[i].substr(0, whole[i].find(' ')) + "' is missing; expected ";
+    expect(manifest_text(lines), {key.c_str(), "net.toml", "firmware-config/models"});
+  }
+  const std::string text = manifest_text(whole);
+  expect(text + "pad = 300", {"net.toml", "detector.pad", "from 0 to 255 grey levels"});
+  expect(text + "anchors = 3", {"net.toml", "unknown key 'detector.anchors'"});
+  expect(text + "[track]\nfeatures = 500", {"net.toml", "track.features", "move it"});
+  expect("decoder = ", {"net.toml:1", "not valid TOML"});
+  std::vector<std::string> lines = whole;
+  lines[0] = "decoder = 'yolo'";
+  expect(manifest_text(lines), {"detector.decoder", "yolov5", "net.onnx"});
+  lines = whole;
+  lines[1] = "sha256 = ''";
+  expect(manifest_text(lines), {"detector.sha256", "is missing"});
+}
+
 TEST_F(ModelFileTest, KnowsTheDefaultNetwork) {
   STILLMAP_NEEDS_SHARED();
   const std::filesystem::path real = test::shared_folder() / "models/nanodet_plus_m";

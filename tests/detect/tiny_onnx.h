@@ -13,8 +13,9 @@ class TinyOnnx {
   TinyOnnx(int height, int width);
   /// An output of `planes` planes that sees non-overlapping squares of `stride` px: plane p is
   /// bias[p] + weight[3 p + c] * (mean of channel c in the square).
+  /// With `shape` it is reshaped to that.
   void add_output(const std::string& name, int planes, int stride, const std::vector<float>& bias,
-                  const std::vector<float>& weight);
+                  const std::vector<float>& weight, const std::vector<int>& shape = {});
   std::string bytes() const;
 
  private:

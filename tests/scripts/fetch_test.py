@@ -6,12 +6,18 @@ import shutil
 import subprocess
 import tarfile
 import tempfile
+import tomllib
 import unittest
 import zipfile
 from pathlib import Path
 
+import cv2
+import numpy as np
+
 SCRIPTS = Path(os.environ["STILLMAP_SCRIPTS"])
-MODEL, PARAM, BIN = "nanodet_plus_m_int8.onnx", "nanodet-plus-m_416.param", "nanodet-plus-m_416.bin"
+SHARED = Path(os.environ["STILLMAP_SHARED"]) if os.environ.get("STILLMAP_SHARED") else None
+MODEL, MANIFEST = "nanodet_plus_m_int8.onnx", "nanodet_plus_m_int8.toml"
+PARAM, BIN, ARCHIVE = "nanodet-plus-m_416.param", "nanodet-plus-m_416.bin", "nanodet-plus-m_416_ncnn.zip"
 NOWHERE = "http://127.0.0.1:9"  # the discard port: refuses at once, as a machine without a network does
 
 
@@ -44,7 +50,13 @@ class FetchTest(unittest.TestCase):
         self.pin(MODEL, b"weights")
         self.run_script("get_model.sh", "--from", self.path, code=0)
         self.assertEqual((self.models / MODEL).read_bytes(), b"weights")
-        self.assertEqual(self.left(self.models), [MODEL])
+        self.assert_installed()
+
+    def assert_installed(self):
+        self.assertEqual(self.left(self.models), [MODEL, MANIFEST])
+        manifest = tomllib.loads((self.models / MANIFEST).read_text())["detector"]
+        self.assertEqual(manifest["sha256"], hashlib.sha256((self.models / MODEL).read_bytes()).hexdigest())
+        self.assertEqual(manifest["decoder"], "nanodet_plus")
 
     def test_wrong_model_is_refused(self):
         (self.path / MODEL).write_bytes(b"weights, tampered with")
@@ -56,10 +68,13 @@ class FetchTest(unittest.TestCase):
         self.assertEqual(self.left(self.models), [MODEL])
 
     def test_folder_without_a_model(self):
-        self.assertIn("holds no " + MODEL, self.run_script("get_model.sh", "--from", self.path, code=1).stderr)
+        error = self.run_script("get_model.sh", "--from", self.path, code=1).stderr
+        self.assertIn(f"holds no {PARAM} and no {MODEL}", error)
+        self.run_script("get_model.sh", "--from", self.path / "none", code=1)
 
     def test_wrong_arguments(self):
         self.assertIn("usage", self.run_script("get_model.sh", "--form", self.path, code=1).stderr)
+        self.assertIn("--log needs a folder", self.run_script("get_model.sh", "--log", code=1).stderr)
         self.assertIn("usage", self.run_script("get_tum.sh", code=1).stderr)
         for name in ("walking_xyz", "fr4_xyz", "fr1_../../x", ""):
             self.assertIn("no sequence name", self.run_script("get_tum.sh", name, code=1).stderr)
@@ -73,24 +88,47 @@ class FetchTest(unittest.TestCase):
         self.assertEqual(self.left(self.path / "data"), [])
         self.assertEqual(self.pins.read_text(), "")
 
-    def test_fetched_weights(self):
-        with zipfile.ZipFile(self.path / "nanodet-plus-m_416_ncnn.zip", "w") as archive:
-            archive.writestr("inside/" + PARAM, "layers")
-            archive.writestr("inside/" + BIN, "weights")
-        self.pin(PARAM, b"layers")
-        self.pin(BIN, b"weights")
-        result = self.run_script("get_model.sh", code=1, STILLMAP_NANODET_URL=self.path.as_uri())
-        self.assertIn("conversion to " + MODEL + " comes with a later version", result.stderr)
-        self.assertEqual(self.left(self.models), [BIN, PARAM])
+    def release(self, param, weights):
+        with zipfile.ZipFile(self.path / ARCHIVE, "w") as archive:
+            archive.writestr("inside/" + PARAM, param)
+            archive.writestr("inside/" + BIN, weights)
+        return {"STILLMAP_NANODET_URL": self.path.as_uri()}
+
+    def log(self):
+        """Pictures to quantize with, in a folder that is no TUM log."""
+        (self.path / "pictures").mkdir()
+        for i in range(2):
+            cv2.imwrite(str(self.path / f"pictures/{i}.png"), np.random.default_rng(i).integers(0, 255, (48, 64, 3), np.uint8))
+        return self.path / "pictures"
 
     def test_fetched_weights_that_differ_are_refused(self):
-        with zipfile.ZipFile(self.path / "nanodet-plus-m_416_ncnn.zip", "w") as archive:
-            archive.writestr(PARAM, "layers")
-            archive.writestr(BIN, "other weights")
         self.pin(PARAM, b"layers")
         self.pin(BIN, b"weights")
-        self.run_script("get_model.sh", code=1, STILLMAP_NANODET_URL=self.path.as_uri())
+        self.run_script("get_model.sh", "--log", self.log(), code=1, **self.release("layers", "other weights"))
         self.assertEqual(self.left(self.models), [])
+
+    def test_weights_that_are_no_network_are_refused(self):
+        log, release = self.log(), self.release("layers", "weights")
+        (self.path / PARAM).write_text("layers")
+        (self.path / BIN).write_text("weights")
+        for source in ([], ["--from", self.path]):
+            error = self.run_script("get_model.sh", *source, "--log", log, code=1, **release).stderr
+            self.assertIn("is no .param file of ncnn", error)
+            self.assertEqual(self.left(self.models), [])
+
+    @unittest.skipUnless(SHARED, "needs the published weights: STILLMAP_SHARED")
+    def test_the_published_weights_become_a_network(self):
+        folder, log = SHARED / "models/nanodet_plus_m", self.log()
+        pins = {"STILLMAP_PINS": SCRIPTS / "pins.sha256"}
+        release = self.release((folder / PARAM).read_bytes(), (folder / BIN).read_bytes())
+        fetched = self.run_script("get_model.sh", "--log", log, code=0, **pins, **release)
+        self.assertIn("boxes on 1 other frames", fetched.stdout)
+        self.assert_installed()
+        self.assertLess((self.models / MODEL).stat().st_size, 1_500_000)
+        cv2.dnn.readNetFromONNX(str(self.models / MODEL))
+        self.run_script("get_model.sh", "--from", folder, code=0, **pins)
+        self.assertEqual((self.models / MODEL).read_bytes(), (folder / MODEL).read_bytes())
+        self.assert_installed()
 
     def tum_archive(self):
         name = "rgbd_dataset_freiburg3_walking_xyz"

@@ -18,6 +18,7 @@
 #include "core/config.h"
 #include "detect/box_carrier.h"
 #include "detect/detector.h"
+#include "detect/model_file.h"
 #include "eval/trajectory.h"
 #include "segment/segment.h"
 #include "tests/support/read_image.h"
@@ -139,7 +140,7 @@ int main(int argc, char** argv) {
     (std::string(argv[i]) == "--set" ? keys : files).emplace_back(argv[i + 1]);
   if (argc < 2 || argc % 2 != 0)
     return std::fputs("usage: stillmap-coverage LOG [--config FILE | --set KEY=VALUE ...]\n", stderr), 2;
-  const auto config = stillmap::load_config(files, keys);
+  const auto config = stillmap::load_config_of_model(files, keys);
   if (!config.ok()) return std::fprintf(stderr, "%s\n", config.error().message.c_str()), 2;
   return stillmap::measure(argv[1], config.value().config);
 }

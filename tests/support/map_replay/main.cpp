@@ -69,7 +69,7 @@ struct Replay {
 
 Status replay(const std::string& config_path, const std::string& log, const std::string& poses_path,
               const std::string& out, const std::vector<std::string>& overrides) {
-  const Result<LoadedConfig> loaded = load_config(std::vector{config_path}, overrides);
+  const Result<LoadedConfig> loaded = load_config_of_model(std::vector{config_path}, overrides);
   if (!loaded.ok()) return loaded.error();
   const Config& config = loaded.value().config;
   const Result<std::vector<StampedPose>> poses = read_trajectory(poses_path);
