@@ -53,6 +53,12 @@ const char* to_string(EventCode code) {
       return "source_stalled";
     case EventCode::SourceBack:
       return "source_back";
+    case EventCode::DepthEmpty:
+      return "depth_empty";
+    case EventCode::DepthScale:
+      return "depth_scale";
+    case EventCode::DepthUnregistered:
+      return "depth_unregistered";
   }
   return "?";
 }
