@@ -2,6 +2,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -18,7 +19,8 @@ struct CameraRequest {
   bool register_depth = true;  ///< by the device; without it, depth comes as its own camera sees it
 };
 
-/// Colour and depth of one camera. Each keeps alive what both share.
+/// Colour and depth of one camera; depth is null where the module's cameras have none. Each keeps alive what
+/// both share.
 struct StreamPair {
   std::unique_ptr<PictureStream> colour, depth;
 };
@@ -27,12 +29,20 @@ struct FoundCamera {
   std::string device, description;
 };
 
+/// Focal lengths in pixels of the requested size.
+struct DeviceLens {
+  double fx = 0, fy = 0;
+};
+
 /// A driver that lives in a library of its own, libstillmap_driver_NAME.so, so that the runtime does not
 /// depend on the camera's library. Main thread.
 class CameraModule {
  public:
   virtual ~CameraModule() = default;
   virtual StreamPair make(const CameraRequest& request) = 0;
+  /// The colour camera's lens as the device itself tells it, an ideal pinhole; nothing where it does not, or
+  /// where it cannot be opened so. Opens the device for a moment.
+  virtual std::optional<DeviceLens> lens(const CameraRequest& request) = 0;
   virtual std::vector<FoundCamera> list() = 0;
 };
 

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
+#include <ctime>
 #include <string>
 
 #include "core/status.h"
@@ -27,6 +29,15 @@ enum class PeekStatus : std::uint8_t {
   EndOfStream,  ///< a recording's end
   Lost          ///< the device is gone; open another
 };
+
+/// The time until a deadline as ppoll wants it; none where it has passed.
+inline timespec time_until(Nanoseconds deadline_ns) {
+  const Nanoseconds left_ns = std::max<Nanoseconds>(0, deadline_ns - monotonic_now());
+  timespec span{};
+  span.tv_sec = static_cast<time_t>(left_ns / 1'000'000'000);
+  span.tv_nsec = static_cast<long>(left_ns % 1'000'000'000);
+  return span;
+}
 
 /// The picture that a stream lets its user look at.
 struct HeldPicture {

@@ -23,8 +23,8 @@ packages=(
   nlohmann-json3-dev libspng-dev libjpeg-dev libtomlplusplus-dev libcli11-dev libssl-dev
   # The stream's server, and its messages, whose code is generated while building.
   libwebsockets-dev libnanopb-dev nanopb protobuf-compiler libprotobuf-dev
-  # Cameras; the driver is a module that the program runs without.
-  libopenni2-dev
+  # Cameras; the drivers are modules that the program runs without.
+  libopenni2-dev libcamera-dev
   # The tests are built with everything else, and so is the renderer of the demo's log.
   libgtest-dev libgmock-dev
   # The demo's network and pictures.
@@ -43,9 +43,12 @@ case "$*" in
     packages+=(clang-format clang-tidy shellcheck openssl python3-scipy)
     # The camera driver is tested on a kernel with a virtual camera, in a virtual machine.
     case $(uname -m) in
-      x86_64) packages+=(qemu-system-x86 busybox-static) ;;
-      aarch64) packages+=(qemu-system-arm busybox-static) ;;
+      x86_64) packages+=(qemu-system-x86 busybox-static) kernel=amd64 ;;
+      aarch64) packages+=(qemu-system-arm busybox-static) kernel=arm64 ;;
+      *) kernel= ;;
     esac
+    # libcamera is tested on the kernel's virtual media device, which only the kernel's sources have.
+    [ "$*" = --tests ] || [ -z "$kernel" ] || packages+=(libcamera-ipa linux-source-6.1 "linux-headers-$kernel")
     # The stream is tested with its protocol's official client. Any Node.js will do, also one that is not Debian's.
     command -v node >/dev/null || packages+=(nodejs)
     command -v npm >/dev/null || packages+=(npm)

@@ -78,8 +78,8 @@ check_tidy() {
   return "${PIPESTATUS[0]}"
 }
 
-run_ctest() { # PRESET OPTION...
-  ctest --preset "$1" --parallel "$(nproc)" "${@:2}"
+run_ctest() { # PRESET OPTION...; what is of configuration Full takes minutes
+  ctest --preset "$1" --parallel "$(nproc)" --build-config "$([ "$full" = yes ] && echo Full || echo Release)" "${@:2}"
 }
 
 step "set-up" scripts/setup.sh "--$([ "$full" = yes ] && echo full || echo tests)" || finish

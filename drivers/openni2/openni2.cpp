@@ -143,6 +143,16 @@ class Openni2Stream : public PictureStream {
 
   StreamInfo describe() const override { return info_; }
 
+  /// Once open.
+  std::optional<DeviceLens> lens() const {
+    const double across = stream_.getHorizontalFieldOfView(), down = stream_.getVerticalFieldOfView();
+    const auto usable = [](double angle) {
+      return angle > 0 && angle < 3;
+    };  // radians; 0 where it is unknown
+    if (!usable(across) || !usable(down)) return {};
+    return DeviceLens{info_.width / 2.0 / std::tan(across / 2), info_.height / 2.0 / std::tan(down / 2)};
+  }
+
   Status start() override {
     if (openni::PlaybackControl* playback = camera_->device().getPlaybackControl();
         camera_->is_file() && playback != nullptr) {
@@ -262,6 +272,11 @@ class Openni2Module : public CameraModule {
   StreamPair make(const CameraRequest& request) override {
     const auto camera = std::make_shared<Camera>(request);
     return {std::make_unique<Openni2Stream>(camera, false), std::make_unique<Openni2Stream>(camera, true)};
+  }
+  std::optional<DeviceLens> lens(const CameraRequest& request) override {
+    Openni2Stream colour(std::make_shared<Camera>(request), false);
+    if (!colour.open().ok()) return {};
+    return colour.lens();
   }
   std::vector<FoundCamera> list() override {
     std::vector<FoundCamera> found;

@@ -8,7 +8,6 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
-#include <algorithm>
 #include <cstring>
 #include <utility>
 
@@ -73,8 +72,7 @@ Status V4l2Stream::Node::start(const V4l2Request& request) {
 PeekStatus V4l2Stream::Node::peek(HeldPicture& out, Nanoseconds deadline_ns) {
   while (!held_index_) {
     pollfd waiting{file_, POLLIN, 0};
-    const Nanoseconds left_ns = std::max<Nanoseconds>(0, deadline_ns - monotonic_now());
-    const timespec span{left_ns / 1'000'000'000, left_ns % 1'000'000'000};
+    const timespec span = time_until(deadline_ns);
     const int ready = ppoll(&waiting, 1, &span, nullptr);
     if (ready == 0) return PeekStatus::Timeout;
     if (ready < 0 && errno != EINTR) return PeekStatus::Lost;

@@ -57,6 +57,12 @@ const char* to_string(EventCode code) {
       return "loop_closed";
     case EventCode::SegmentStarted:
       return "segment_started";
+    case EventCode::DepthEmpty:
+      return "depth_empty";
+    case EventCode::DepthScale:
+      return "depth_scale";
+    case EventCode::DepthUnregistered:
+      return "depth_unregistered";
   }
   return "?";
 }

@@ -19,17 +19,20 @@ enum class EventCode : std::uint8_t {
   TrackingLost,
   Relocalized,
   DetectorFailed,
-  ClientConnected,  ///< a = clients now
-  ClientGone,       ///< a = clients now
-  QualityLowered,   ///< a = step of the shedding plan now
-  QualityRaised,    ///< a = step of the shedding plan now
-  StageLate,        ///< at work for longer than it may; a = ms
-  StageInTime,      ///< again
-  SourceGone,       ///< the camera was unplugged; a = ms since its last frame
-  SourceStalled,    ///< the camera fell silent and is opened anew; a = ms since its last frame
-  SourceBack,       ///< the camera delivers again; a = tries that it took
-  LoopClosed,       ///< a known place was recognised and the map mended; a = correction epoch
-  SegmentStarted,   ///< lost for long, tracking begins anew at a predicted pose; a = segment
+  ClientConnected,    ///< a = clients now
+  ClientGone,         ///< a = clients now
+  QualityLowered,     ///< a = step of the shedding plan now
+  QualityRaised,      ///< a = step of the shedding plan now
+  StageLate,          ///< at work for longer than it may; a = ms
+  StageInTime,        ///< again
+  SourceGone,         ///< the camera was unplugged; a = ms since its last frame
+  SourceStalled,      ///< the camera fell silent and is opened anew; a = ms since its last frame
+  SourceBack,         ///< the camera delivers again; a = tries that it took
+  DepthEmpty,         ///< hardly a reading; a = percent of the pixels without
+  DepthScale,         ///< the depth unit cannot be right; a = percent of the readings out of range
+  DepthUnregistered,  ///< depth is not seen from where colour is; a = px that its edges lie off
+  LoopClosed,         ///< a known place was recognised and the map mended; a = correction epoch
+  SegmentStarted,     ///< lost for long, tracking begins anew at a predicted pose; a = segment
 };
 const char* to_string(EventCode code);
 

@@ -79,11 +79,24 @@ Capture::Outcome Capture::fill_spare(Nanoseconds deadline_ns) {
   if (duration_s_ > 0 && to_seconds(slot.colour_ns - *first_stamp_ns_) > duration_s_) return Outcome::End;
   slot.sequence = next_sequence_++;
   slot.due_ns = monotonic_now();
-  if (stamps_are_monotonic_) slot.due_ns = std::min(slot.due_ns, slot.colour_ns);
+  if (stamps_are_monotonic_) {
+    log_.stamp_to_slot.add(slot.due_ns - slot.colour_ns);
+    slot.due_ns = std::min(slot.due_ns, slot.colour_ns);
+  }
   make_grey(slot.colour, slot.grey);
-  if (const DepthCheck::Verdict verdict = depth_check_.look(slot); verdict.fault != DepthFault::None)
-    counters_.depth_verdict.store(verdict, std::memory_order_relaxed);
+  check_depth(slot);
   return Outcome::Frame;
+}
+
+void Capture::check_depth(const FrameSlot& slot) {
+  const DepthCheck::Verdict verdict = depth_check_.look(slot);
+  if (verdict.fault == DepthFault::None || verdict.fault == depth_fault_told_) return;
+  depth_fault_told_ = verdict.fault;
+  EventCode code = EventCode::DepthEmpty;
+  if (verdict.fault == DepthFault::Scale) code = EventCode::DepthScale;
+  if (verdict.fault == DepthFault::Unregistered) code = EventCode::DepthUnregistered;
+  static_cast<void>(
+      events_.try_push({monotonic_now(), Stage::Capture, code, slot.sequence, verdict.amount, 0}));
 }
 
 }  // namespace stillmap

@@ -11,7 +11,8 @@
 namespace stillmap {
 
 /// The source's frames, one after another, numbered and with grey made; what cannot be used is counted: every
-/// frame that the source offers is handed out or dropped with its reason.
+/// frame that the source offers is handed out or dropped with its reason. Depth that cannot be right is told
+/// as an event, once for each kind of fault.
 ///
 /// The source always fills a spare frame of the pool, which is handed out only when the next spare is there.
 /// So a camera is read, and its frames are dropped one by one, also while the stages hold every other frame.
@@ -19,11 +20,12 @@ class Capture {
  public:
   /// Frames later than `duration_s` after the first are not offered any more; 0: all are.
   Capture(RgbdDriver& driver, const CameraModel& camera, FramePool& frames, RunCounters& counters,
-          CaptureLog& log, double duration_s)
+          CaptureLog& log, EventRing& events, double duration_s)
       : driver_(driver),
         frames_(frames),
         counters_(counters),
         log_(log),
+        events_(events),
         is_log_(driver.describe().is_log),
         stamps_are_monotonic_(driver.describe().monotonic_stamps),
         duration_s_(duration_s),
@@ -42,14 +44,17 @@ class Capture {
  private:
   Outcome fill_spare(Nanoseconds deadline_ns);
   void drop(DropReason reason);
+  void check_depth(const FrameSlot& slot);
 
   RgbdDriver& driver_;
   FramePool& frames_;
   RunCounters& counters_;
   CaptureLog& log_;
+  EventRing& events_;
   bool is_log_, stamps_are_monotonic_;
   double duration_s_;
   DepthCheck depth_check_;
+  DepthFault depth_fault_told_ = DepthFault::None;
   FrameHandle spare_;
   bool spare_is_filled_ = false;  // a log's frame that waits
   std::uint64_t next_sequence_ = 0;

@@ -52,14 +52,14 @@ void DepthCheck::compare_edges(const std::uint16_t* depth, const std::uint8_t* g
 
 DepthCheck::Verdict DepthCheck::judge() const {
   const auto percent = [](std::uint64_t part, std::uint64_t whole) {
-    return static_cast<std::int16_t>(100 * part / std::max<std::uint64_t>(whole, 1));
+    return static_cast<int>(100 * part / std::max<std::uint64_t>(whole, 1));
   };
-  const std::int16_t empty = percent(pixels_ - readings_, pixels_), out = percent(out_of_range_, readings_);
-  if (empty >= 90) return {DepthFault::Empty, empty, 0};
-  if (out >= 60) return {DepthFault::Scale, out, 0};
+  const int empty = percent(pixels_ - readings_, pixels_), out = percent(out_of_range_, readings_);
+  if (empty >= 90) return {DepthFault::Empty, empty};
+  if (out >= 60) return {DepthFault::Scale, out};
   if (edges_ < kFewestEdges) return {};
   const auto best = std::max_element(contrast_.begin(), contrast_.end());
-  const auto shift = static_cast<std::int16_t>(best - contrast_.begin() - kMaxShift);
+  const auto shift = static_cast<int>(best - contrast_.begin()) - kMaxShift;
   std::uint64_t sum = 0;
   for (const std::uint64_t c : contrast_) sum += c;
   const double mean = static_cast<double>(sum) / static_cast<double>(contrast_.size());
@@ -67,7 +67,7 @@ DepthCheck::Verdict DepthCheck::judge() const {
   // The peak stands out (registered logs have 1.5 to 1.9), and the middle does not share in it.
   const bool sure = peak > 1.25 * mean && peak - here > 0.6 * (peak - mean);
   if (std::abs(shift) < kSureShift_px || !sure) return {};
-  return {DepthFault::Unregistered, 0, shift};
+  return {DepthFault::Unregistered, shift};
 }
 
 }  // namespace stillmap

@@ -22,10 +22,11 @@ class DepthCheck {
 
   /// Takes a frame with grey made. A verdict, with what it stands on, after each ten looks; otherwise
   /// None.
-  struct alignas(8) Verdict {
+  struct Verdict {
     DepthFault fault = DepthFault::None;
-    std::int16_t percent = 0;   ///< Empty: pixels without a reading; Scale: readings out of range
-    std::int16_t shift_px = 0;  ///< Unregistered: how far right of depth's edges those of colour lie
+    /// Empty: percent of pixels without a reading. Scale: percent of readings out of range. Unregistered: how
+    /// many px right of depth's edges those of colour lie.
+    int amount = 0;
   };
   Verdict look(const FrameSlot& frame);
 

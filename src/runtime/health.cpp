@@ -50,6 +50,27 @@ std::string late_lines(const RunCounters& c) {
   return lines;
 }
 
+/// What is wrong with depth, and the mend; empty for an event of another kind.
+std::string depth_words(const Event& e, const CameraModel& camera) {
+  switch (e.code) {
+    case EventCode::DepthEmpty:
+      return fmt::format("{} % of the pixels have no reading; is the depth camera covered, or too near?",
+                         e.a);
+    case EventCode::DepthScale:
+      return fmt::format(
+          "{} % of the readings lie outside camera.depth_min_m to camera.depth_max_m; is "
+          "camera.depth_units_per_m = {} right?",
+          e.a, camera.depth_units_per_m);
+    case EventCode::DepthUnregistered:
+      return fmt::format(
+          "its edges lie {} px beside those of colour; is it registered? A depth camera that does not do so "
+          "by itself needs camera.depth in the profile",
+          e.a);
+    default:
+      return "";
+  }
+}
+
 }  // namespace
 
 void Health::say(LogLevel level, const char* name, const std::string& text) {
@@ -73,6 +94,11 @@ void Health::log_events() {
 
 void Health::log(const Event& e) {
   context_.flight.put(e);
+  if (const std::string words = depth_words(e, context_.config.camera); !words.empty()) {
+    say(LogLevel::Warning, to_string(e.stage),
+        fmt::format("{} at frame {}: {}", to_string(e.code), e.sequence, words));
+    return;
+  }
   const bool quality = e.code == EventCode::QualityLowered || e.code == EventCode::QualityRaised;
   const bool bad = quality || e.code == EventCode::TrackingLost || e.code == EventCode::DetectorFailed;
   const std::string detail =
@@ -113,32 +139,6 @@ std::string Health::late_stages() const {
   return names;
 }
 
-void Health::log_depth() {
-  const DepthCheck::Verdict v = context_.counters.depth_verdict.load(std::memory_order_relaxed);
-  if (v.fault == depth_fault_logged_) return;
-  depth_fault_logged_ = v.fault;
-  switch (v.fault) {
-    case DepthFault::None:
-      break;
-    case DepthFault::Empty:
-      warn(fmt::format("depth: {} % of the pixels have no reading; is the depth camera covered, or too near?",
-                       v.percent));
-      break;
-    case DepthFault::Scale:
-      warn(
-          fmt::format("depth: {} % of the readings lie outside camera.depth_min_m to camera.depth_max_m; is "
-                      "camera.depth_units_per_m = {} right?",
-                      v.percent, context_.config.camera.depth_units_per_m));
-      break;
-    case DepthFault::Unregistered:
-      warn(fmt::format(
-          "depth: its edges lie {} px beside those of colour; is it registered? A depth camera that does "
-          "not do so by itself needs camera.depth in the profile",
-          v.shift_px));
-      break;
-  }
-}
-
 void Health::log_recorder() {
   const RunCounters& c = context_.counters;
   const std::uint64_t missing =
@@ -167,7 +167,6 @@ void Health::tick() {
   checkpoint_.tick(monotonic_now());
   if (monotonic_now() - published_ns_ < 1'000'000'000) return;
   log_drops();
-  log_depth();
   log_recorder();
   publish();
 }
@@ -175,7 +174,6 @@ void Health::tick() {
 void Health::finish() {
   log_events();
   log_drops();
-  log_depth();
   log_recorder();
 }
 

@@ -7,7 +7,7 @@ namespace stillmap {
 
 namespace {
 
-constinit thread_local HeapOwner current_owner = HeapOwner::None;
+constinit thread_local HeapOwner current_owner = HeapOwner::Driver;
 constinit std::atomic<bool> counting{false};
 constinit std::array<std::atomic<std::uint64_t>, kHeapOwners> counts{};
 

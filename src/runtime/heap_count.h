@@ -7,7 +7,7 @@
 namespace stillmap {
 
 /// Whose work a thread does right now, as the report names it. `None` is start, shutdown, and the main
-/// thread.
+/// thread. A thread that never says is not ours: `Driver`, as those of a camera's library are.
 enum class HeapOwner : std::uint8_t { None, Capture, Track, Map, Stream, Detect, Driver };
 constexpr std::size_t kHeapOwners = 7;
 

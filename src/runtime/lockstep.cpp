@@ -40,7 +40,7 @@ class DelayedDetections {
 
 void run_lockstep(RunContext& context) {
   Capture capture(context.driver, context.config.camera, context.stages.frames, context.counters,
-                  context.capture_log, context.options.duration_s);
+                  context.capture_log, context.events_of(Stage::Capture), context.options.duration_s);
   Health health(context);
   const DetectorTiming& timing = context.options.detector;
   DelayedDetections delayed(timing.delay);

@@ -98,6 +98,15 @@ Json map_part(const RunContext& context) {
           {"frames_fused", map.fused_frames()}, {"frames_fused_with_own_boxes", counts.own_boxes}};
 }
 
+/// What a camera's frames cost until they are in their slots.
+Json capture_part(const CaptureLog& log) {
+  const std::uint64_t frames = log.decode_time.count();
+  const double cpu_ms = to_ms(log.decode_cpu_ns);
+  Json part = {{"cpu_ms_per_frame", rounded(frames > 0 ? cpu_ms / static_cast<double>(frames) : 0, 3)}};
+  if (log.stamp_to_slot.count() > 0) part["stamp_to_slot_ms"] = quantiles(log.stamp_to_slot);
+  return part;
+}
+
 /// How often each stage was at work for longer than it may; without those that never were.
 Json late_part(const RunCounters& c) {
   Json part = Json::object();
@@ -146,6 +155,7 @@ std::string make_report(const RunContext& context, const ReportFacts& facts) {
                           {"adjust", quantiles(context.adjust_log.run_time)},
                           {"detect", quantiles(context.detect_log.run_time)},
                           {"fuse", quantiles(context.stages.map.fuse_time())}};
+  if (!context.driver.describe().is_log) report["capture"] = capture_part(context.capture_log);
   report["throughput_fps"] = rounded(wall_s > 0 ? static_cast<double>(c.processed.load()) / wall_s : 0, 2);
   report["cpu_s"] = rounded(facts.cpu_s, 3);
   report["cpu_decode_s"] = rounded(to_seconds(context.capture_log.decode_cpu_ns), 3);

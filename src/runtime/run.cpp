@@ -13,6 +13,7 @@
 #include "eval/accuracy.h"
 #include "map/ply.h"
 #include "runtime/checkpoint.h"
+#include "runtime/heap_count.h"
 #include "runtime/memory_lock.h"
 #include "runtime/memory_use.h"
 #include "runtime/output_file.h"
@@ -196,11 +197,9 @@ Result<RunOptions> complete(RunOptions options) {
     spdlog::info("source: {} ({})", usable->uri, usable->description);
   }
   if (camera && options.configs.empty()) {
-    const std::vector<std::string> nominal = nominal_profile(options.source);
-    options.overrides.insert(options.overrides.begin(), nominal.begin(), nominal.end());
-    spdlog::warn(
-        "no camera profile: a nominal lens is assumed, and the map's scale may be off by some percent; "
-        "give --config with a file of firmware-config/cameras, or calibrate");
+    const NominalProfile nominal = nominal_profile(options.source);
+    options.overrides.insert(options.overrides.begin(), nominal.overrides.begin(), nominal.overrides.end());
+    spdlog::warn("{}", nominal.warning);
   }
   return options;
 }
@@ -209,6 +208,7 @@ Result<RunOptions> complete(RunOptions options) {
 
 Status run(const RunOptions& asked) {
   const Nanoseconds process_start_ns = monotonic_now();
+  const HeapScope scope(HeapOwner::None);
   stop_requested.store(false);
   handle_signals();
   mallopt(M_ARENA_MAX, 2);  // else each thread that allocates gets an arena of its own, which never shrinks

@@ -10,7 +10,6 @@
 #include "core/fixed_vector.h"
 #include "core/tracking_result.h"
 #include "eval/trajectory.h"
-#include "runtime/depth_check.h"
 #include "runtime/latency.h"
 
 namespace stillmap {
@@ -39,9 +38,8 @@ struct RunCounters {
   Count quality_lowered{0}, quality_raised{0}, frames_shed{0};
   Count latency_us{0};  ///< capture to pose, sum over all poses
   Count recorded{0}, record_failed{0}, record_left_out{0}, record_cpu_ns{0};  ///< of --record
-  std::atomic<DepthCheck::Verdict> depth_verdict{};  ///< the newest that found a fault
-  std::array<Count, kStageCount> late{};             ///< how often each stage was
-  std::atomic<int> state{0};                         ///< TrackState
+  std::array<Count, kStageCount> late{};                                      ///< how often each stage was
+  std::atomic<int> state{0};                                                  ///< TrackState
   PoolMark points, keyframe_pool, blocks;
   PoolMark read_ahead, track_ring, map_ring, detected_ring;  ///< where there are threads
 
@@ -88,6 +86,7 @@ struct DetectLog {
 struct CaptureLog {
   Nanoseconds decode_cpu_ns = 0;
   LatencyHistogram decode_time;
+  LatencyHistogram stamp_to_slot;  ///< of a camera whose stamps are on the monotonic clock
 };
 
 }  // namespace stillmap

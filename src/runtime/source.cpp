@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/source.h"
 
+#include <cmath>
+#include <cstring>
 #include <utility>
 
 #include "drivers/paired/paired.h"
@@ -15,6 +17,8 @@
 namespace stillmap {
 
 namespace {
+
+constexpr const char* kOpenni2 = "openni2:";
 
 Paired::Setup pair_setup(const std::string& uri, const Config& config) {
   Paired::Setup setup{.name = uri, .colour = config.camera, .fps = config.mount.fps};
@@ -45,6 +49,17 @@ Result<OpenedSource> open_camera(const ReopeningSource::Factory& make, const Con
 }
 
 #ifdef STILLMAP_HAS_V4L2
+V4l2Request depth_request(const std::string& node, const Paired::Setup& setup, const Config& config) {
+  const CameraModel& lens = setup.depth_lens ? *setup.depth_lens : config.camera;
+  return {.device = node,
+          .depth = true,
+          .width = lens.width,
+          .height = lens.height,
+          .fps = config.mount.fps,
+          .format = config.device.depth_format,
+          .controls = config.device.depth_controls};
+}
+
 Result<OpenedSource> open_v4l2(const std::string& uri, const std::string& nodes, const Config& config) {
   const std::size_t comma = nodes.find(',');
   if (comma == std::string::npos || comma == 0 || comma + 1 == nodes.size()) {
@@ -53,7 +68,6 @@ Result<OpenedSource> open_v4l2(const std::string& uri, const std::string& nodes,
                                             "/dev/video4,/dev/video2; `stillmap devices` lists them"};
   }
   const Paired::Setup setup = pair_setup(uri, config);
-  const CameraModel& depth_lens = setup.depth_lens ? *setup.depth_lens : config.camera;
   const V4l2Request colour{.device = nodes.substr(0, comma),
                            .depth = false,
                            .width = config.camera.width,
@@ -61,13 +75,7 @@ Result<OpenedSource> open_v4l2(const std::string& uri, const std::string& nodes,
                            .fps = config.mount.fps,
                            .format = config.device.colour_format,
                            .controls = config.device.colour_controls};
-  const V4l2Request depth{.device = nodes.substr(comma + 1),
-                          .depth = true,
-                          .width = depth_lens.width,
-                          .height = depth_lens.height,
-                          .fps = config.mount.fps,
-                          .format = config.device.depth_format,
-                          .controls = config.device.depth_controls};
+  const V4l2Request depth = depth_request(nodes.substr(comma + 1), setup, config);
   return open_camera(
       [setup, colour, depth] {
         return std::make_unique<Paired>(setup, std::make_unique<V4l2Stream>(colour),
@@ -120,6 +128,52 @@ Result<OpenedSource> open_openni2(const std::string& uri, const std::string& dev
 }
 #endif
 
+#ifdef STILLMAP_HAS_LIBCAMERA
+/// The first video node with depth; empty without any.
+std::string first_depth_node() {
+  for (const V4l2Device& device : list_v4l2_devices()) {
+    if (device.depth) return device.path;
+  }
+  return "";
+}
+
+Result<OpenedSource> open_libcamera(const std::string& uri, const std::string& rest, const Config& config) {
+  const std::size_t comma = rest.rfind(",/dev/");  // an ID may have a comma of its own
+  const std::string node = comma == std::string::npos ? first_depth_node() : rest.substr(comma + 1);
+  if (node.empty()) {
+    return Error{ExitCode::WrongConfig,
+                 "--source " + uri +
+                     ": there is no video node with depth to go with it; plug a depth camera in, or name its "
+                     "node: libcamera:ID,/dev/videoN (`stillmap devices` lists them)"};
+  }
+  Result<CameraModule*> module = open_driver_module("libcamera");
+  if (!module.ok()) return module.error();
+  const Paired::Setup setup = pair_setup(uri, config);
+  const CameraRequest colour{.device = rest.substr(0, comma),
+                             .width = config.camera.width,
+                             .height = config.camera.height,
+                             .fps = config.mount.fps};
+  return open_camera(
+      [setup, colour, depth = depth_request(node, setup, config), cameras = module.value()] {
+        return std::make_unique<Paired>(setup, cameras->make(colour).colour,
+                                        std::make_unique<V4l2Stream>(depth));
+      },
+      config);
+}
+
+void find_libcamera(std::vector<FoundSource>& found) {
+  Result<CameraModule*> module = open_driver_module("libcamera");
+  if (!module.ok()) return;
+  const std::string depth = first_depth_node();
+  for (const FoundCamera& camera : module.value()->list()) {
+    const std::string uri = "libcamera:" + camera.device;
+    found.push_back(
+        depth.empty() ? FoundSource{"", uri + ": " + camera.description + ", colour; needs a node with depth"}
+                      : FoundSource{uri + "," + depth, camera.description + " with depth of " + depth});
+  }
+}
+#endif
+
 }  // namespace
 
 Result<OpenedSource> open_source(const std::string& uri, const Config& config, int loops) {
@@ -138,11 +192,15 @@ Result<OpenedSource> open_source(const std::string& uri, const Config& config, i
 #ifdef STILLMAP_HAS_OPENNI2
     if (scheme == "openni2") return open_openni2(uri, rest, config);
 #endif
+#ifdef STILLMAP_HAS_LIBCAMERA
+    if (scheme == "libcamera") return open_libcamera(uri, rest, config);
+#endif
   }
-  return Error{ExitCode::WrongConfig, "--source " + uri +
-                                          ": expected tum:DIR (a folder in the TUM RGB-D layout), "
-                                          "v4l2:COLOUR,DEPTH or openni2:[URI|FILE.oni]; this program has " +
-                                          source_kinds()};
+  return Error{ExitCode::WrongConfig,
+               "--source " + uri +
+                   ": expected tum:DIR (a folder in the TUM RGB-D layout), "
+                   "v4l2:COLOUR,DEPTH, openni2:[URI|FILE.oni] or libcamera:ID[,DEPTH]; this program has " +
+                   source_kinds()};
 }
 
 std::vector<FoundSource> find_sources() {
@@ -156,6 +214,9 @@ std::vector<FoundSource> find_sources() {
 #ifdef STILLMAP_HAS_V4L2
   find_v4l2(found);
 #endif
+#ifdef STILLMAP_HAS_LIBCAMERA
+  find_libcamera(found);
+#endif
   return found;
 }
 
@@ -167,14 +228,47 @@ std::string source_kinds() {
 #ifdef STILLMAP_HAS_OPENNI2
   kinds += ", openni2";
 #endif
+#ifdef STILLMAP_HAS_LIBCAMERA
+  kinds += ", libcamera";
+#endif
   return kinds;
 }
 
-std::vector<std::string> nominal_profile(const std::string& uri) {
+NominalProfile nominal_profile(const std::string& uri) {
+  constexpr int kWidth = 640, kHeight = 480;
+  NominalProfile profile{{"camera.name=nominal", "camera.width=" + std::to_string(kWidth),
+                          "camera.height=" + std::to_string(kHeight), "camera.cx=319.5", "camera.cy=239.5",
+                          "camera.depth_units_per_m=1000"},
+                         ""};
+  const auto set_focal = [&](double fx, double fy) {
+    profile.overrides.push_back("camera.fx=" + std::to_string(fx));
+    profile.overrides.push_back("camera.fy=" + std::to_string(fy));
+  };
+  std::optional<DeviceLens> lens;
+#ifdef STILLMAP_HAS_OPENNI2
+  if (uri.starts_with(kOpenni2)) {
+    if (Result<CameraModule*> module = open_driver_module("openni2"); module.ok())
+      lens = module.value()->lens(
+          {.device = uri.substr(std::strlen(kOpenni2)), .width = kWidth, .height = kHeight});
+  }
+#endif
+  if (lens) {
+    set_focal(lens->fx, lens->fy);
+    profile.warning = "no camera profile: the lens is as the camera tells it (fx " +
+                      std::to_string(std::lround(lens->fx)) + ", fy " +
+                      std::to_string(std::lround(lens->fy)) +
+                      " px), with its centre and no distortion assumed; calibrating it "
+                      "(scripts/import_calibration.py) is better";
+    return profile;
+  }
   // 57 degrees across, as PrimeSense's cameras have it; a RealSense D4xx at 640x480 has 55.
-  const std::string f = uri.starts_with("openni2:") ? "570" : "615";
-  return {"camera.name=nominal", "camera.width=640", "camera.height=480", "camera.fx=" + f,
-          "camera.fy=" + f,      "camera.cx=319.5",  "camera.cy=239.5",   "camera.depth_units_per_m=1000"};
+  const double f = uri.starts_with(kOpenni2) ? 570 : 615;
+  set_focal(f, f);
+  profile.warning =
+      "no camera profile, and the camera tells nothing of its lens: a nominal one is assumed, and the map's "
+      "scale may be "
+      "off by some percent; give --config with a file of firmware-config/cameras, or calibrate";
+  return profile;
 }
 
 }  // namespace stillmap

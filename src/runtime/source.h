@@ -18,9 +18,10 @@ struct OpenedSource {
   std::unique_ptr<EventRing> events;  ///< what happens to a camera, told on capture's thread; null for a log
 };
 
-/// Opens what a source URI names: `tum:DIR`, `v4l2:COLOUR,DEPTH`, `openni2:[URI|FILE.oni]`. A camera that
-/// goes away is opened anew until camera.give_up_s has passed. A log in the TUM layout is played `loops`
-/// times, forwards and backwards in turn; what else was opened cannot be.
+/// Opens what a source URI names: `tum:DIR`, `v4l2:COLOUR,DEPTH`, `openni2:[URI|FILE.oni]`,
+/// `libcamera:ID[,DEPTH]` (without DEPTH, the first video node with depth). A camera that goes away is opened
+/// anew until camera.give_up_s has passed. A log in the TUM layout is played `loops` times, forwards and
+/// backwards in turn; what else was opened cannot be.
 Result<OpenedSource> open_source(const std::string& uri, const Config& config, int loops);
 
 /// What can be opened on this machine now.
@@ -30,10 +31,15 @@ struct FoundSource {
 };
 std::vector<FoundSource> find_sources();
 
-/// The kinds of source that this program can open: "tum, v4l2, openni2".
+/// The kinds of source that this program can open: "tum, v4l2, openni2, libcamera".
 std::string source_kinds();
 
-/// A camera profile for a camera of which nothing is known, as --set overrides: nominal values.
-std::vector<std::string> nominal_profile(const std::string& uri);
+/// A camera profile where none is given, as --set overrides.
+struct NominalProfile {
+  std::vector<std::string> overrides;
+  std::string warning;  ///< what is assumed, and the mend
+};
+/// With the lens that the device itself tells, where it does; otherwise nominal values.
+NominalProfile nominal_profile(const std::string& uri);
 
 }  // namespace stillmap

@@ -60,7 +60,7 @@ bool push_waiting(Ring& ring, Item&& item, Waker& consumer, Waker& self, const s
 /// A log's frames, ahead of their time.
 void decode_thread(RunContext& context, Lanes& lanes) {
   Capture capture(context.driver, context.config.camera, context.stages.frames, context.counters,
-                  context.capture_log, context.options.duration_s);
+                  context.capture_log, context.events_of(Stage::Capture), context.options.duration_s);
   for (bool more = true; more && !context.stop.load(std::memory_order_relaxed);) {
     Lanes::FrameItem item;
     const std::uint32_t ticket = lanes.decode_waker.ticket();
@@ -149,7 +149,7 @@ void play_log(RunContext& context, Lanes& lanes) {
 
 void play_camera(RunContext& context, Lanes& lanes) {
   Capture capture(context.driver, context.config.camera, context.stages.frames, context.counters,
-                  context.capture_log, context.options.duration_s);
+                  context.capture_log, context.events_of(Stage::Capture), context.options.duration_s);
   for (;;) {
     FrameHandle frame;
     {

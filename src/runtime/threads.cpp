@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "core/check.h"
+#include "runtime/heap_count.h"
 
 namespace stillmap {
 
@@ -106,6 +107,7 @@ Config::Threads usable_threads(const Config::Threads& asked, std::vector<std::st
 
 void* StageThread::enter(void* self) {
   StageThread& thread = *static_cast<StageThread*>(self);
+  const HeapScope scope(HeapOwner::None);
   pthread_setname_np(pthread_self(), name_of(thread.role_));
   const int core = on_a_frames_way(thread.role_) ? thread.config_.tracking_core : thread.config_.other_core;
   if (core >= 0) pin_to(core);

@@ -19,8 +19,20 @@ cp /etc/resolv.conf "$root/etc/"
 cp "${packages[@]}" "$root/tmp/"
 build/release/bin/stillmap-synth --out "$root/tmp/log" --seed 3 --frames 20
 in_root() { chroot "$root" env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin DEBIAN_FRONTEND=noninteractive LC_ALL=C "$@"; }
+refuses() { # WORDS COMMAND...: the command fails in the root, and says so
+  local words=$1 said
+  shift
+  if said=$(in_root "$@" 2>&1); then return 1; fi
+  grep -F "$words" <<<"$said"
+}
 in_root sh -c 'apt-get -qq update && apt-get -qq install --yes --no-install-recommends /tmp/stillmap_*.deb' >"$work/install.txt" 2>&1 ||
   { tail -n 20 "$work/install.txt"; exit 1; }
+# The program without its modules says what is missing; with them it asks each library for cameras.
+refuses 'install the package stillmap-openni2' stillmap run --source openni2: --listen off --set detector.model=none
+in_root sh -c 'apt-get -qq install --yes --no-install-recommends /tmp/stillmap-*.deb' >"$work/install.txt" 2>&1 ||
+  { tail -n 20 "$work/install.txt"; exit 1; }
+in_root stillmap devices
+refuses 'openni2:: ' stillmap run --source openni2: --listen off --set detector.model=none
 profiles=/usr/share/stillmap/firmware-config
 if in_root ldd /usr/bin/stillmap | grep 'not found'; then exit 1; fi
 in_root stillmap check --config $profiles/boards/raspberry-pi-5.toml --config $profiles/cameras/tum-fr1.toml

@@ -3,6 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <optional>
 #include <vector>
 
 #include "tests/runtime/scripted_driver.h"
@@ -18,14 +20,19 @@ constexpr Nanoseconds kFrame_ns = 33'000'000;
 
 /// A capture from a scripted source into a pool of kFrames frames.
 struct Bench {
-  Bench(std::vector<Grab> grabs, bool is_log, double duration_s = 0)
+  Bench(std::vector<Grab> grabs, bool is_log, double duration_s = 0, bool monotonic = false)
       : arena(1 << 20),
         pool(arena, kFrames, kWidth, kHeight),
-        driver({.name = "scripted", .width = kWidth, .height = kHeight, .is_log = is_log}, std::move(grabs),
+        driver({.name = "scripted",
+                .width = kWidth,
+                .height = kHeight,
+                .is_log = is_log,
+                .monotonic_stamps = monotonic},
+               std::move(grabs),
                [](int picture, FrameSlot& slot) {
                  slot.colour.at(0, 0) = {static_cast<std::uint8_t>(picture), 0, 0};
                }),
-        capture(driver, CameraModel{}, pool, counters, log, duration_s) {}
+        capture(driver, CameraModel{}, pool, counters, log, events, duration_s) {}
   Capture::Outcome next(FrameHandle& out) { return capture.next(out, monotonic_now()); }
   std::uint64_t dropped(DropReason reason) const {
     return counters.dropped[static_cast<std::size_t>(reason)].load();
@@ -35,6 +42,7 @@ struct Bench {
   FramePool pool;
   RunCounters counters;
   CaptureLog log;
+  EventRing events;
   ScriptedDriver driver;
   Capture capture;
 };
@@ -171,6 +179,36 @@ TEST(Capture, ALogWaitsForThePool) {
   EXPECT_EQ(bench.next(none), Capture::Outcome::End);
   EXPECT_EQ(bench.counters.offered.load(), 10u);
   for (const auto& count : bench.counters.dropped) EXPECT_EQ(count.load(), 0u);
+}
+
+TEST(Capture, DepthThatCannotBeRightIsToldOnce) {
+  Bench bench(frames(250), false);
+  for (int i = 0; i < 250; ++i) {
+    FrameHandle frame;
+    ASSERT_EQ(bench.next(frame), Capture::Outcome::Frame);
+    for (int y = 0; y < kHeight; ++y) std::fill_n(frame.writable().depth.row(y), kWidth, std::uint16_t{0});
+  }
+  const std::optional<Event> told = bench.events.try_pop();
+  ASSERT_TRUE(told.has_value());
+  EXPECT_EQ(told->code, EventCode::DepthEmpty);
+  EXPECT_EQ(told->stage, Stage::Capture);
+  EXPECT_EQ(told->sequence, 90u) << "the tenth look, at every tenth frame";
+  EXPECT_EQ(told->a, 100);
+  EXPECT_FALSE(bench.events.try_pop().has_value());
+}
+
+TEST(Capture, OfACamerasFramesTheWayToTheSlotIsTimed) {
+  const Nanoseconds now = monotonic_now();
+  for (const bool monotonic : {true, false}) {
+    Bench bench({{.stamp_ns = now - 80'000'000}, {.stamp_ns = now - 40'000'000}}, false, 0, monotonic);
+    FrameHandle frame;
+    for (int i = 0; i < 2; ++i) ASSERT_EQ(bench.next(frame), Capture::Outcome::Frame);
+    EXPECT_EQ(bench.log.stamp_to_slot.count(), monotonic ? 2u : 0u);
+    if (monotonic) {
+      EXPECT_GE(bench.log.stamp_to_slot.quantile_ms(0.5), 40);
+      EXPECT_GE(bench.log.stamp_to_slot.max_ms(), 80);
+    }
+  }
 }
 
 TEST(Capture, EndsAfterItsDurationWithoutCountingTheFrameBeyond) {

@@ -68,14 +68,14 @@ TEST(DepthCheck, EdgesBesideThoseOfColourAreUnregistered) {
   for (const int shift : {9, -14}) {
     const DepthCheck::Verdict v = verdict_on(posts(shift));
     EXPECT_EQ(v.fault, DepthFault::Unregistered) << shift;
-    EXPECT_NEAR(v.shift_px, -shift, 3);
+    EXPECT_NEAR(v.amount, -shift, 3);
   }
 }
 
 TEST(DepthCheck, AWrongUnitIsAMatterOfScale) {
   const DepthCheck::Verdict v = verdict_on(posts(0, 5000), 100);
   EXPECT_EQ(v.fault, DepthFault::Scale);
-  EXPECT_EQ(v.percent, 100);
+  EXPECT_EQ(v.amount, 100);
   EXPECT_EQ(verdict_on(posts(0, 500), 5000).fault, DepthFault::Scale) << "0.1 m and 0.2 m";
 }
 
@@ -86,7 +86,7 @@ TEST(DepthCheck, AlmostNoReadingIsEmpty) {
   }
   const DepthCheck::Verdict v = verdict_on(slot);
   EXPECT_EQ(v.fault, DepthFault::Empty);
-  EXPECT_GE(v.percent, 90);
+  EXPECT_GE(v.amount, 90);
 }
 
 TEST(DepthCheck, ARealLogIsSoundAndTheSameLogMovedIsNot) {
@@ -115,7 +115,7 @@ TEST(DepthCheck, ARealLogIsSoundAndTheSameLogMovedIsNot) {
   }
   EXPECT_EQ(verdict_on_sound, DepthFault::None);
   EXPECT_EQ(verdict_on_moved.fault, DepthFault::Unregistered);
-  EXPECT_NEAR(verdict_on_moved.shift_px, -10, 3);
+  EXPECT_NEAR(verdict_on_moved.amount, -10, 3);
 }
 
 }  // namespace

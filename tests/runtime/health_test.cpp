@@ -93,6 +93,18 @@ TEST(Health, ALockstepRunLeavesWhatHttpAnswers) {
   server.stop();
 }
 
+TEST(Health, ADoubtAboutDepthNamesTheKeyToMend) {
+  auto driver = wall_driver(true, {});
+  Pipeline pipeline(driver, {});
+  RunContext& context = *pipeline.context;
+  context.emit(Stage::Capture, EventCode::DepthScale, 90, 71);
+  testing::internal::CaptureStdout();  // where the log goes in a test
+  Health(context).tick();
+  const std::string words = testing::internal::GetCapturedStdout();
+  EXPECT_THAT(words, HasSubstr("capture: depth_scale at frame 90: 71 % of the readings lie outside"));
+  EXPECT_THAT(words, HasSubstr("camera.depth_units_per_m = 1000 right?"));
+}
+
 TEST(Health, SpeaksOnceASecondAtMost) {
   auto driver = wall_driver(true, {});
   Pipeline pipeline(driver, {}, false, streaming());

@@ -76,11 +76,11 @@ class SetupTest(unittest.TestCase):
             self.assertTrue(self.asked()[-1].endswith(f"recommends {asked}"), self.asked())
 
     def test_the_full_tests_need_most(self):
-        self.installed("shellcheck", "lintian", "qemu-user")
+        self.installed("shellcheck", "lintian", "qemu-user", "linux-source-6.1")
         for tool in ("node", "npm", "chromium"):
             self.command(tool, "")
         self.assertEqual(self.setup("--full").returncode, 0)
-        self.assertTrue(self.asked()[1].endswith("recommends qemu-user lintian shellcheck"), self.asked())
+        self.assertTrue(self.asked()[1].endswith("recommends qemu-user lintian shellcheck linux-source-6.1"), self.asked())
 
     def test_arm_needs_its_compilers(self):
         self.installed("g++-arm-linux-gnueabihf", "shellcheck")

@@ -105,6 +105,16 @@ TEST_F(Openni2, ListsCameras) {
   EXPECT_EQ(found[0].description, "Stillmap Test camera");
 }
 
+TEST_F(Openni2, TheLensIsAsTheFieldOfViewSays) {
+  const std::optional<DeviceLens> lens = module().lens(request());
+  ASSERT_TRUE(lens.has_value());
+  EXPECT_NEAR(lens->fx, 0.8 * kWidth, 1e-3);
+  EXPECT_NEAR(lens->fy, 0.8 * kWidth, 1e-3);
+  behave("lensless");
+  EXPECT_FALSE(module().lens(request()).has_value());
+  EXPECT_FALSE(module().lens(request("no-such-camera")).has_value());
+}
+
 TEST_F(Openni2, DeliversWhatTheCameraShows) {
   const auto camera = driver(request());
   const Status opened = camera->open();

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// A plug-in for OpenNI2: a camera that shows the TUM log of the folder in STILLMAP_TEST_DEVICE_LOG, with
-// depth in millimetres, a picture pair each 20 ms, over and over no more than once. STILLMAP_TEST_DEVICE says
-// how it fails: "unregistered" (cannot register depth), "liar" (says that it does, and does not), "unplug"
-// (after 5 pairs).
+// A plug-in for OpenNI2: a camera that shows the TUM log of the folder in STILLMAP_TEST_DEVICE_LOG once, with
+// depth in millimetres. STILLMAP_TEST_DEVICE_PICTURES may say "WIDTH HEIGHT UNITS PERIOD": the log's depth
+// units in a metre, and the ms from one pair to the next. STILLMAP_TEST_DEVICE says how it fails:
+// "unregistered" (cannot register depth), "liar" (says that it does, and does not), "unplug" (after 5 pairs),
+// "dies" (after 5 pairs, and cannot be opened again),
+// "lensless" (does not tell its field of view).
 #define XN_NEW(type, ...) new type(__VA_ARGS__)
 #define XN_DELETE(object) delete (object)
 #include <Driver/OniDriverAPI.h>
@@ -10,19 +12,36 @@
 #include <array>
 #include <atomic>
 #include <chrono>
+#include <cmath>
 #include <cstdlib>
 #include <cstring>
 #include <functional>
+#include <sstream>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "drivers/tum_log/tum_log.h"
 
 namespace {
 
-constexpr int kWidth = 64, kHeight = 48, kFps = 30;
+constexpr int kFps = 30;
 constexpr const char* kUri = "stillmap-test-camera";
+
+struct Pictures {
+  int width = 64, height = 48, units_per_m = 1000, period_ms = 20;
+  std::size_t pixels() const { return static_cast<std::size_t>(width * height); }
+};
+const Pictures& pictures() {
+  static const Pictures chosen = [] {
+    Pictures p;
+    const char* text = std::getenv("STILLMAP_TEST_DEVICE_PICTURES");
+    if (text != nullptr) std::istringstream(text) >> p.width >> p.height >> p.units_per_m >> p.period_ms;
+    return p;
+  }();
+  return chosen;
+}
 
 std::string behaviour() {
   const char* text = std::getenv("STILLMAP_TEST_DEVICE");
@@ -32,8 +51,8 @@ std::string behaviour() {
 class Stream : public oni::driver::StreamBase {
  public:
   explicit Stream(OniSensorType sensor) : sensor_(sensor) {
-    mode_ = {sensor == ONI_SENSOR_DEPTH ? ONI_PIXEL_FORMAT_DEPTH_1_MM : ONI_PIXEL_FORMAT_RGB888, kWidth,
-             kHeight, kFps};
+    mode_ = {sensor == ONI_SENSOR_DEPTH ? ONI_PIXEL_FORMAT_DEPTH_1_MM : ONI_PIXEL_FORMAT_RGB888,
+             pictures().width, pictures().height, kFps};
   }
   OniStatus start() override {
     running = true;
@@ -42,16 +61,21 @@ class Stream : public oni::driver::StreamBase {
   void stop() override { running = false; }
 
   OniBool isPropertySupported(int id) override {
+    const bool lens = id == ONI_STREAM_PROPERTY_HORIZONTAL_FOV || id == ONI_STREAM_PROPERTY_VERTICAL_FOV;
+    if (lens) return behaviour() != "lensless";
     return id == ONI_STREAM_PROPERTY_VIDEO_MODE || id == ONI_STREAM_PROPERTY_STRIDE ||
            id == ONI_STREAM_PROPERTY_CROPPING;
   }
   OniStatus getProperty(int id, void* data, int* size) override {
-    const OniCropping whole{FALSE, 0, 0, kWidth, kHeight};
-    const int stride = kWidth * bytes_per_pixel();
+    const OniCropping whole{FALSE, 0, 0, pictures().width, pictures().height};
+    const int stride = pictures().width * bytes_per_pixel();
     if (id == ONI_STREAM_PROPERTY_VIDEO_MODE) return give(&mode_, sizeof mode_, data, size);
     if (id == ONI_STREAM_PROPERTY_STRIDE) return give(&stride, sizeof stride, data, size);
     if (id == ONI_STREAM_PROPERTY_CROPPING) return give(&whole, sizeof whole, data, size);
-    return ONI_STATUS_NOT_IMPLEMENTED;
+    if (!isPropertySupported(id)) return ONI_STATUS_NOT_IMPLEMENTED;
+    const int side = id == ONI_STREAM_PROPERTY_HORIZONTAL_FOV ? pictures().width : pictures().height;
+    const auto angle = static_cast<float>(2 * std::atan(side / 2.0 / focal_px()));
+    return give(&angle, sizeof angle, data, size);
   }
   OniStatus setProperty(int id, const void* data, int size) override {
     if (id != ONI_STREAM_PROPERTY_VIDEO_MODE || size != static_cast<int>(sizeof mode_))
@@ -76,9 +100,9 @@ class Stream : public oni::driver::StreamBase {
     frame->timestamp = stamp_us;
     frame->sensorType = sensor_;
     frame->videoMode = mode_;
-    frame->width = kWidth, frame->height = kHeight;
-    frame->stride = kWidth * bytes_per_pixel();
-    frame->dataSize = frame->stride * kHeight;
+    frame->width = pictures().width, frame->height = pictures().height;
+    frame->stride = pictures().width * bytes_per_pixel();
+    frame->dataSize = frame->stride * pictures().height;
     frame->croppingEnabled = FALSE;
     frame->cropOriginX = frame->cropOriginY = 0;
     std::memcpy(frame->data, pixels, static_cast<std::size_t>(frame->dataSize));
@@ -88,6 +112,7 @@ class Stream : public oni::driver::StreamBase {
   std::atomic<bool> running{false};
 
  private:
+  static double focal_px() { return 0.8 * pictures().width; }
   int bytes_per_pixel() const { return sensor_ == ONI_SENSOR_DEPTH ? 2 : 3; }
   static OniStatus give(const void* from, std::size_t bytes, void* to, int* size) {
     if (*size < static_cast<int>(bytes)) return ONI_STATUS_BAD_PARAMETER;
@@ -102,8 +127,8 @@ class Stream : public oni::driver::StreamBase {
 class Device : public oni::driver::DeviceBase {
  public:
   explicit Device(std::function<void()> unplug) : unplug_(std::move(unplug)) {
-    modes_[0] = {ONI_PIXEL_FORMAT_RGB888, kWidth, kHeight, kFps};
-    modes_[1] = {ONI_PIXEL_FORMAT_DEPTH_1_MM, kWidth, kHeight, kFps};
+    modes_[0] = {ONI_PIXEL_FORMAT_RGB888, pictures().width, pictures().height, kFps};
+    modes_[1] = {ONI_PIXEL_FORMAT_DEPTH_1_MM, pictures().width, pictures().height, kFps};
     sensors_[0] = {ONI_SENSOR_COLOR, 1, &modes_[0]};
     sensors_[1] = {ONI_SENSOR_DEPTH, 1, &modes_[1]};
     thread_ = std::thread([this] { play(); });
@@ -146,18 +171,19 @@ class Device : public oni::driver::DeviceBase {
 
  private:
   void play() {
-    stillmap::TumLog log(std::getenv("STILLMAP_TEST_DEVICE_LOG"), kWidth, kHeight);
+    stillmap::TumLog log(std::getenv("STILLMAP_TEST_DEVICE_LOG"), pictures().width, pictures().height);
     if (!log.open().ok() || !log.start().ok()) return;
     while (!end_ &&
            !(colour_ != nullptr && depth_ != nullptr && colour_.load()->running && depth_.load()->running))
       std::this_thread::sleep_for(std::chrono::milliseconds(1));
-    std::vector<stillmap::Bgr> colour(kWidth * kHeight);
-    std::vector<std::uint16_t> depth(kWidth * kHeight);
+    std::vector<stillmap::Bgr> colour(pictures().pixels());
+    std::vector<std::uint16_t> depth(pictures().pixels());
     stillmap::FrameSlot slot;
-    slot.colour = {colour.data(), kWidth, kHeight, kWidth};
-    slot.depth = {depth.data(), kWidth, kHeight, kWidth};
+    slot.colour = {colour.data(), pictures().width, pictures().height, pictures().width};
+    slot.depth = {depth.data(), pictures().width, pictures().height, pictures().width};
     for (int index = 1; !end_ && log.grab(slot, 0).status == stillmap::GrabStatus::Frame; ++index) {
       for (stillmap::Bgr& p : colour) std::swap(p.b, p.r);
+      for (std::uint16_t& d : depth) d = static_cast<std::uint16_t>(d * 1000 / pictures().units_per_m);
       busy_ = true;
       if (Stream* s = depth_; s != nullptr && !end_)
         s->show(depth.data(), index, static_cast<std::uint64_t>(slot.depth_ns / 1000));
@@ -165,7 +191,8 @@ class Device : public oni::driver::DeviceBase {
         s->show(colour.data(), index, static_cast<std::uint64_t>(slot.colour_ns / 1000));
       busy_ = false;
       if (behaviour() == "unplug" && index == 5) unplug_();
-      std::this_thread::sleep_for(std::chrono::milliseconds(20));
+      if (behaviour() == "dies" && index == 5) return;
+      std::this_thread::sleep_for(std::chrono::milliseconds(pictures().period_ms));
     }
   }
 
@@ -193,6 +220,7 @@ class Driver : public oni::driver::DriverBase {
     return ONI_STATUS_OK;
   }
   oni::driver::DeviceBase* deviceOpen(const char*, const char*) override {
+    if (behaviour() == "dies" && std::exchange(opened_, true)) return nullptr;
     return new Device([this] {
       deviceDisconnected(&info_);
       deviceConnected(&info_);  // and plugged in again
@@ -203,6 +231,7 @@ class Driver : public oni::driver::DriverBase {
 
  private:
   OniDeviceInfo info_{};
+  bool opened_ = false;
 };
 
 }  // namespace

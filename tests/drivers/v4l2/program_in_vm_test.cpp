@@ -1,0 +1,104 @@
+// SPDX-License-Identifier: Apache-2.0
+// `stillmap run` on the virtual cameras; see in_vm_test.cpp.
+#include <fcntl.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <linux/videodev2.h>
+#include <sys/ioctl.h>
+#include <sys/stat.h>
+#include <sys/sysmacros.h>
+#include <unistd.h>
+
+#include <string>
+#include <vector>
+
+#include "tests/drivers/v4l2/program_run.h"
+
+namespace {
+
+using nlohmann::json;
+using stillmap::test::report;
+using stillmap::test::sum;
+using testing::HasSubstr;
+
+constexpr std::uint32_t kLosePercent = 0x00f0f040, kDisconnect = 0x00f0f041;
+
+void set_control(int file, std::uint32_t id, int value) {
+  v4l2_control control{id, value};
+  ASSERT_EQ(ioctl(file, VIDIOC_S_CTRL, &control), 0) << id;
+}
+
+/// A colour camera's node, kept open beside the program for its controls.
+class Node {
+ public:
+  Node() : file_(open("/dev/video0", O_RDWR)) {}
+  ~Node() {
+    if (file_ >= 0) close(file_);
+  }
+  Node(const Node&) = delete;
+  Node& operator=(const Node&) = delete;
+  int file() const { return file_; }
+
+ private:
+  int file_;
+};
+
+class VividRun : public stillmap::test::ProgramRun {
+ public:
+  explicit VividRun(const std::string& more = "camera.give_up_s=30")
+      : ProgramRun(
+            "v4l2:/dev/video0,/dev/video1",
+            {"camera.width=320", "camera.height=180", "camera.fx=300", "camera.fy=300", "camera.cx=160",
+             "camera.cy=90", "camera.fps=10", "camera.depth_units_per_m=20000", "camera.depth_min_m=0.1",
+             "camera.colour_format=YUYV", "camera.depth_format=Y16", "map.capacity_voxels=100000", more}) {}
+};
+
+TEST(Program, CapturesCountsWhatTheDriverLostAndEndsOnSigterm) {
+  Node node;
+  set_control(node.file(), kLosePercent, 30);
+  VividRun run;
+  ASSERT_TRUE(run.says("tracking_started")) << run.said();
+  ASSERT_TRUE(run.says("frames dropped: driver_dropped")) << run.said();
+  set_control(node.file(), kLosePercent, 0);
+  EXPECT_EQ(run.end(SIGTERM), 0) << run.said();
+  const json facts = report();
+  const json& frames = facts["frames"];
+  EXPECT_EQ(frames["offered"], frames["processed"].get<std::uint64_t>() + sum(frames["dropped"]));
+  EXPECT_GT(frames["dropped"]["driver_dropped"], 0);
+  EXPECT_EQ(facts["mode"], "live");
+  EXPECT_GT(facts["capture"]["cpu_ms_per_frame"], 0);
+  EXPECT_LT(facts["capture"]["stamp_to_slot_ms"]["p50"], 1000);
+  for (const char* stage : {"capture", "track", "map", "driver"})
+    EXPECT_EQ(facts["memory"]["heap_allocations_after_start"][stage], 0) << stage;
+  std::printf("%s capture %s\n", frames.dump().c_str(), facts["capture"].dump().c_str());
+}
+
+TEST(Program, ACameraThatComesBackIsFollowedOn) {
+  VividRun run;
+  ASSERT_TRUE(run.says("tracking_started")) << run.said();
+  {
+    Node node;
+    set_control(node.file(), kDisconnect, 1);
+  }
+  EXPECT_TRUE(run.says("source_gone")) << run.said();
+  EXPECT_TRUE(run.says("source_back")) << run.said();
+  EXPECT_EQ(run.end(SIGTERM), 0) << run.said();
+}
+
+TEST(Program, ACameraThatIsGoneForGoodEndsTheRun) {
+  VividRun run("camera.give_up_s=1");
+  ASSERT_TRUE(run.says("tracking_started")) << run.said();
+  struct stat before {};
+  {
+    Node node;
+    ASSERT_EQ(fstat(node.file(), &before), 0);
+    ASSERT_EQ(unlink("/dev/video0"), 0);
+    set_control(node.file(), kDisconnect, 1);
+  }
+  EXPECT_EQ(run.end(), 1) << run.said();
+  EXPECT_THAT(run.said(), HasSubstr("v4l2:/dev/video0,/dev/video1: the source is gone; check its cable"));
+  EXPECT_GT(report()["frames"]["processed"], 0) << "outputs are complete all the same";
+  ASSERT_EQ(mknod("/dev/video0", S_IFCHR | 0600, before.st_rdev), 0);
+}
+
+}  // namespace
