@@ -6,6 +6,7 @@
 #include "map/map_file.h"
 #include "map/occupancy_image.h"
 #include "map/ply.h"
+#include "track/keyframe_file.h"
 
 namespace stillmap {
 
@@ -16,21 +17,23 @@ struct ExportOptions {
   double from_m = 0.1, to_m = 1.8;
 };
 
-void print_info(const MapFile& map, const std::string& path) {
+Status print_info(const MapFile& map, const std::string& path) {
   const BlockTable& blocks = *map.blocks;
+  const Result<KeyframeCounts> counts = count_keyframes(map.keyframes);
+  if (!counts.ok()) return Error{counts.error().exit_code, path + ": " + counts.error().message};
   std::printf(
       "file         %s\nvoxels       %llu occupied, of %.6g m\nblocks       %d of 8 x 8 x 8 voxels\n"
-      "calibration  %016llx\nup           %s\n",
+      "keyframes    %zu with %zu points\ncalibration  %016llx\nup           %s\n",
       path.c_str(), static_cast<unsigned long long>(blocks.occupied_voxels()), map.facts.voxel_m,
-      blocks.size(), static_cast<unsigned long long>(map.facts.camera_hash),
-      map.facts.z_is_up ? "z" : "unknown");
+      blocks.size(), counts.value().keyframes, counts.value().points,
+      static_cast<unsigned long long>(map.facts.camera_hash), map.facts.z_is_up ? "z" : "unknown");
+  return {};
 }
 
 Status info(const std::string& path) {
   const Result<MapFile> map = read_map_file(path);
   if (!map.ok()) return map.error();
-  print_info(map.value(), path);
-  return {};
+  return print_info(map.value(), path);
 }
 
 Status export_map(const ExportOptions& o) {
