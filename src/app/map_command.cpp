@@ -5,6 +5,7 @@
 #include "app/commands.h"
 #include "map/map_file.h"
 #include "map/occupancy_image.h"
+#include "map/octomap.h"
 #include "map/ply.h"
 #include "track/keyframe_file.h"
 
@@ -37,14 +38,20 @@ Status info(const std::string& path) {
 }
 
 Status export_map(const ExportOptions& o) {
-  const bool ply = o.out.ends_with(".ply");
-  if (!ply && !o.out.ends_with(".pgm"))
+  const bool ply = o.out.ends_with(".ply"), tree = o.out.ends_with(".bt");
+  if (!ply && !tree && !o.out.ends_with(".pgm"))
     return Error{ExitCode::WrongConfig,
-                 "--out " + o.out + ": expected a file name that ends in .ply or .pgm"};
+                 "--out " + o.out + ": expected a file name that ends in .ply, .bt or .pgm"};
   const Result<MapFile> map = read_map_file(o.file);
   if (!map.ok()) return map.error();
   const double voxel_m = map.value().facts.voxel_m;
   if (ply) return write_ply(*map.value().blocks, voxel_m, o.out);
+  if (tree) {
+    const Status written = write_octomap(*map.value().blocks, voxel_m, o.out);
+    if (!written.ok() && written.error().exit_code == ExitCode::WrongConfig)
+      return Error{ExitCode::WrongConfig, o.file + ": " + written.error().message};
+    return written;
+  }
   const Result<OccupancyImage> image = occupancy_image(map.value(), o.from_m, o.to_m);
   if (!image.ok()) return Error{image.error().exit_code, o.file + ": " + image.error().message};
   return write_occupancy_image(image.value(), voxel_m, o.out);
@@ -62,9 +69,10 @@ void add_map_command(CLI::App& app, Action& action) {
   info_app->callback([o, &action] { action = [o] { return info(o->file); }; });
 
   CLI::App* export_app = map_app->add_subcommand(
-      "export", "Points as .ply, or a floor plan as .pgm with .yaml (ROS map_server)");
+      "export",
+      "Points as .ply, an OctoMap tree as .bt, or a floor plan as .pgm with .yaml (ROS map_server)");
   export_app->add_option("FILE", o->file, ".stillmap file")->required();
-  export_app->add_option("--out", o->out, "File that ends in .ply or .pgm")->required();
+  export_app->add_option("--out", o->out, "File that ends in .ply, .bt or .pgm")->required();
   export_app->add_option("--from", o->from_m, "Floor plan: lowest height that counts, m");
   export_app->add_option("--to", o->to_m, "Floor plan: greatest height that counts, m");
   export_app->callback([o, &action] { action = [o] { return export_map(*o); }; });
