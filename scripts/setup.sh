@@ -41,6 +41,8 @@ case "$*" in
   --tests|--full)
     [ "$*" = --tests ] || packages+=("${arm[@]}" lintian debootstrap systemd clang-14 libclang-rt-14-dev)
     packages+=(clang-format clang-tidy shellcheck openssl python3-scipy)
+    # The exported OctoMap tree is read back with it.
+    packages+=(liboctomap-dev)
     # The camera driver is tested on a kernel with a virtual camera, in a virtual machine.
     case $(uname -m) in
       x86_64) packages+=(qemu-system-x86 busybox-static) kernel=amd64 ;;

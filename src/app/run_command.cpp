@@ -42,6 +42,8 @@ void add_run_command(CLI::App& app, Action& action) {
   run_app->add_option("--trajectory", o->trajectory, "Each pose as first published, TUM format");
   run_app->add_option("--trajectory-final", o->trajectory_final, "The same frames after all corrections");
   run_app->add_option("--map", o->map, "The voxel map, .stillmap (with checkpoints) or .ply");
+  run_app->add_option("--resume", o->resume,
+                      "Map file (.stillmap) of an earlier run to find the camera in and go on");
   run_app->add_option("--report", o->report, "Counts, times, memory and accuracy, JSON");
   run_app->add_option("--groundtruth", o->groundtruth, "TUM trajectory to compare with");
   run_app->add_option("--record", o->record,

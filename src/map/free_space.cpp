@@ -89,10 +89,15 @@ void FreeSpace::see(const Pose& T_map_camera_depth, std::span<const float> z_m) 
     across[i] = T_camera_map.R * (cell_m_ * Vec3{static_cast<double>(i & 1), static_cast<double>(i >> 1 & 1),
                                                  static_cast<double>(i >> 2)});
   }
+  const Vec3 step = across[1], to_middle = 0.5 * across[7];
   for (std::int32_t z = first.z; z <= last.z; ++z) {
     for (std::int32_t y = first.y; y <= last.y; ++y) {
-      for (std::int32_t x = first.x; x <= last.x; ++x) {
-        const Vec3 begin = T_camera_map * (cell_m_ * Vec3{1.0 * x, 1.0 * y, 1.0 * z});
+      Vec3 begin = T_camera_map * (cell_m_ * Vec3{1.0 * first.x, 1.0 * y, 1.0 * z});
+      for (std::int32_t x = first.x; x <= last.x; ++x, begin = begin + step) {
+        const Vec3 middle = begin + to_middle;
+        if (!lens_.may_see(static_cast<float>(middle.x), static_cast<float>(middle.y),
+                           static_cast<float>(middle.z), 0))
+          continue;
         std::array<Vec3, 8> corners;
         std::ranges::transform(across, corners.begin(), [&](Vec3 to) { return begin + to; });
         if (seen_through(corners)) mark(place_of(x, y, z));

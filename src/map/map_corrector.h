@@ -43,6 +43,7 @@ class MapCorrector {
     std::uint64_t sequence = 0;
   };
   void note(const Fused& frame);
+  void learn(std::uint32_t keyframe, const Pose& T_map_keyframe) { poses_.learn(keyframe, T_map_keyframe); }
 
   /// False where nothing moves.
   bool correct(const Correction& correction);

@@ -17,7 +17,7 @@ static_assert(std::endian::native == std::endian::little, "the file holds what l
 static_assert(std::is_trivially_copyable_v<Voxel>);
 
 constexpr std::array<char, 8> kMagic{'s', 't', 'i', 'l', 'l', 'm', 'a', 'p'};
-constexpr std::uint32_t kVersion = 1;
+constexpr std::uint32_t kVersion = 2;
 
 struct BlockHead {
   std::int32_t x = 0, y = 0, z = 0;
@@ -37,9 +37,9 @@ struct Header {
 static_assert(sizeof(Header) == 40);
 
 struct Footer {
-  std::uint64_t blocks = 0, checksum = 0;
+  std::uint64_t blocks = 0, keyframe_bytes = 0, checksum = 0;
 };
-static_assert(sizeof(Footer) == 16);
+static_assert(sizeof(Footer) == 24);
 
 template <class T>
 T taken_from(const char* bytes) {
@@ -63,7 +63,8 @@ Status check_bytes(const std::string& path, const std::vector<char>& bytes) {
                                 "; use the program that wrote it");
   const Footer footer = taken_from<Footer>(bytes.data() + bytes.size() - sizeof(Footer));
   const std::size_t body = bytes.size() - sizeof(Header) - sizeof(Footer);
-  if (body % kBlockBytes != 0 || footer.blocks != body / kBlockBytes)
+  if (footer.keyframe_bytes > body || (body - footer.keyframe_bytes) % kBlockBytes != 0 ||
+      footer.blocks != (body - footer.keyframe_bytes) / kBlockBytes)
     return unreadable(path, "is cut off; copy it again or take an earlier one");
   if (footer.checksum != fnv1a(bytes.data(), bytes.size() - sizeof(footer.checksum)) ||
       !(header.voxel_m >= 0.001 && header.voxel_m <= 10))
@@ -117,20 +118,23 @@ void MapFileWriter::append(const Block& block, std::span<const Voxel, kBlockVoxe
   ++blocks_;
 }
 
+void MapFileWriter::append_keyframes(std::span<const std::byte> bytes) {
+  file_.append(bytes.data(), bytes.size());
+  keyframe_bytes_ += bytes.size();
+}
+
 Status MapFileWriter::finish() {
   file_.append(&blocks_, sizeof(blocks_));
+  file_.append(&keyframe_bytes_, sizeof(keyframe_bytes_));
   const std::uint64_t checksum = file_.checksum();
   file_.append(&checksum, sizeof(checksum));
   return file_.finish();
 }
 
-Status write_map_file(const BlockTable& blocks, const MapFacts& facts, const std::string& path,
-                      Nanoseconds timeout_ns) {
-  MapFileWriter writer(path, facts, timeout_ns);
+void append_blocks(const BlockTable& blocks, MapFileWriter& writer) {
   for (int i = 0; i < blocks.size(); ++i) {
     if (blocks.found(i)) writer.append(blocks.block(i), blocks.voxels(i));
   }
-  return writer.finish();
 }
 
 Result<MapFile> read_map_file(const std::string& path) {
@@ -147,7 +151,8 @@ Result<MapFile> read_map_file(const std::string& path) {
   if (Status s = check_bytes(path, bytes); !s.ok()) return s.error();
 
   const Header header = taken_from<Header>(bytes.data());
-  const std::size_t blocks = (bytes.size() - sizeof(Header) - sizeof(Footer)) / kBlockBytes;
+  const Footer footer = taken_from<Footer>(bytes.data() + bytes.size() - sizeof(Footer));
+  const std::size_t blocks = footer.blocks;
   MapFile map;
   map.facts = {header.voxel_m, header.camera_hash, header.z_is_up != 0};
   Arena planning;
@@ -156,6 +161,9 @@ Result<MapFile> read_map_file(const std::string& path) {
   map.blocks = std::make_unique<BlockTable>(*map.memory, std::max<std::size_t>(blocks, 1));
   for (std::size_t i = 0; i < blocks; ++i)
     put_block(bytes.data() + sizeof(Header) + i * kBlockBytes, *map.blocks);
+  map.keyframes.resize(footer.keyframe_bytes);
+  std::memcpy(map.keyframes.data(), bytes.data() + sizeof(Header) + blocks * kBlockBytes,
+              footer.keyframe_bytes);
   return map;
 }
 

@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <string>
+#include <vector>
 
 #include "core/arena.h"
 #include "core/camera.h"
@@ -24,34 +27,37 @@ struct MapFacts {
 std::uint64_t calibration_hash(const CameraModel& camera);
 
 /// Writes a .stillmap file block by block. Flat and little endian:
-///   header  "stillmap", u32 version (1), u32 bytes of a block, f64 voxel_m, u64 calibration hash, u64 1
+///   header  "stillmap", u32 version (2), u32 bytes of a block, f64 voxel_m, u64 calibration hash, u64 1
 ///   where
 ///           z is up
 ///   blocks  i32 x, y, z (whole blocks), u32 anchor keyframe, u64 and u64 sequence of the last fusion and
 ///           change, then 512 voxels of 8 bytes as `Voxel` has them, x fastest
-///   footer  u64 blocks, u64 FNV-1a over all before
+///   keyframes  bytes that the tracker wrote, see docs/map.md
+///   footer  u64 blocks, u64 bytes of keyframes, u64 FNV-1a over all before
 /// A block that comes twice counts as it came last. Whole or not at all (WholeFile). Any one thread.
 class MapFileWriter {
  public:
   MapFileWriter(const std::string& path, const MapFacts& facts,
                 Nanoseconds timeout_ns = std::numeric_limits<Nanoseconds>::max());
   void append(const Block& block, std::span<const Voxel, kBlockVoxels> voxels);
+  /// After all blocks; may come in parts.
+  void append_keyframes(std::span<const std::byte> bytes);
   Status finish();
 
  private:
   WholeFile file_;
-  std::uint64_t blocks_ = 0;
+  std::uint64_t blocks_ = 0, keyframe_bytes_ = 0;
 };
 
 /// All blocks of a map that nobody changes meanwhile.
-Status write_map_file(const BlockTable& blocks, const MapFacts& facts, const std::string& path,
-                      Nanoseconds timeout_ns = std::numeric_limits<Nanoseconds>::max());
+void append_blocks(const BlockTable& blocks, MapFileWriter& writer);
 
 /// A map as a file holds it, in memory of its own.
 struct MapFile {
   MapFacts facts;
   std::unique_ptr<Arena> memory;
   std::unique_ptr<BlockTable> blocks;
+  std::vector<std::byte> keyframes;
 };
 /// The error (UnreadableInput) says whether the file is missing, no map, of another version, cut off or
 /// damaged, and the mend.

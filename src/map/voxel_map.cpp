@@ -74,6 +74,22 @@ std::uint16_t VoxelMap::next_mark() {
   return static_cast<std::uint16_t>(1 + marks_++ % 65535);
 }
 
+bool VoxelMap::load(const BlockTable& blocks) {
+  if (blocks.blocks_used() > table_.usage().capacity) return false;
+  for (int i = 0; i < blocks.size(); ++i) {
+    if (!blocks.found(i)) continue;
+    const Block& from = blocks.block(i);
+    const int index = table_.find_or_add(from.at, from.anchor_keyframe);
+    std::ranges::transform(blocks.voxels(i), table_.voxels(index).begin(), [](Voxel voxel) {
+      voxel.last_hit = 0;  // no frame of this run
+      return voxel;
+    });
+    table_.note_fused(index, from.fused_sequence, true, from.occupied);
+    table_.publish(index);
+  }
+  return true;
+}
+
 FuseOutcome VoxelMap::check(const FuseInput& input) const {
   const auto fits = [this](const auto& picture) {
     return picture.data != nullptr && picture.width == camera_.width && picture.height == camera_.height;

@@ -55,6 +55,11 @@ class VoxelMap {
   VoxelMap(Arena& arena, const Config::Map& config, const CameraModel& camera, const RayTable& rays);
 
   FuseOutcome fuse(const FuseInput& input);
+  /// Takes over another map's blocks, before the first frame. False, and nothing is taken, where there is too
+  /// little room.
+  bool load(const BlockTable& blocks);
+  /// Where a keyframe is that loaded blocks may hang on.
+  void learn_keyframe(std::uint32_t id, const Pose& T_map_keyframe) { corrector_.learn(id, T_map_keyframe); }
 
   /// Takes a correction over; `continue_correction` then does the work, a slice of about 1 ms at a time, as
   /// long as `correcting`. See MapCorrector.

@@ -12,11 +12,12 @@ MapFacts map_facts(const Config& config) {
   return {config.map.voxel_m, calibration_hash(config.camera), config.mount.T_base_camera.has_value()};
 }
 
-Checkpoint::Checkpoint(const Config& config, std::string path, MapCopier& copier)
+Checkpoint::Checkpoint(const Config& config, std::string path, MapCopier& blocks, KeyframeCopier& keyframes)
     : path_(std::move(path)),
       facts_(map_facts(config)),
       every_ns_(is_map_file(path_) ? static_cast<Nanoseconds>(config.map.checkpoint_s * 1e9) : 0),
-      copier_(copier) {}
+      blocks_(blocks),
+      keyframes_(keyframes) {}
 
 void Checkpoint::tick(Nanoseconds now) {
   if (every_ns_ == 0) return;
@@ -26,15 +27,24 @@ void Checkpoint::tick(Nanoseconds now) {
   } else if (now - last_ns_ >= every_ns_) {
     last_ns_ = now;
     writer_.emplace(path_, facts_);
-    copier_.begin();
+    blocks_done_ = false;
+    blocks_.begin();
   }
 }
 
 void Checkpoint::write_ready() {
-  const MapCopier::Copies copies = copier_.ready();
-  for (const MapCopier::CopiedBlock& copy : copies.blocks) writer_->append(copy.block, copy.voxels);
-  const bool last = copies.last;
-  copier_.next();
+  if (!blocks_done_) {
+    const MapCopier::Part part = blocks_.ready();
+    for (const CopiedBlock& copy : part.items) writer_->append(copy.block, copy.voxels);
+    blocks_done_ = part.last;
+    blocks_.next();
+    if (blocks_done_) keyframes_.begin();
+    return;
+  }
+  const KeyframeCopier::Part part = keyframes_.ready();
+  writer_->append_keyframes(part.items);
+  const bool last = part.last;
+  keyframes_.next();
   if (!last) return;
   if (Status s = writer_->finish(); !s.ok()) spdlog::warn("checkpoint: {}", s.error().message);
   writer_.reset();

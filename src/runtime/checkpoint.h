@@ -7,6 +7,7 @@
 #include "core/config.h"
 #include "map/map_copier.h"
 #include "map/map_file.h"
+#include "track/keyframe_copier.h"
 
 namespace stillmap {
 
@@ -16,12 +17,12 @@ inline bool is_map_file(const std::string& path) {
 }
 MapFacts map_facts(const Config& config);
 
-/// Writes the map to its file every `map.checkpoint_s` while the run goes on, from the blocks that a copier
-/// hands over. The health thread's; uses the heap.
+/// Writes the map to its file every `map.checkpoint_s` while the run goes on, from the blocks and then the
+/// keyframes that copiers hand over. The health thread's; uses the heap.
 class Checkpoint {
  public:
   /// Does nothing where `path` is no .stillmap file or the key is 0.
-  Checkpoint(const Config& config, std::string path, MapCopier& copier);
+  Checkpoint(const Config& config, std::string path, MapCopier& blocks, KeyframeCopier& keyframes);
   void tick(Nanoseconds now);
 
  private:
@@ -30,7 +31,9 @@ class Checkpoint {
   std::string path_;
   MapFacts facts_;
   Nanoseconds every_ns_;
-  MapCopier& copier_;
+  MapCopier& blocks_;
+  KeyframeCopier& keyframes_;
+  bool blocks_done_ = false;
   Nanoseconds last_ns_ = 0;
   std::optional<MapFileWriter> writer_;
 };

@@ -13,6 +13,14 @@ MapStage::MapStage(Arena& arena, const Config& config, const RayTable& rays, boo
       corrections_(arena.take<Mailbox<Correction>>("correction", 1)),
       has_detector_(has_detector) {}
 
+bool MapStage::resume(const BlockTable& blocks, std::span<const Keyframe> keyframes) {
+  if (!map_.load(blocks)) return false;
+  for (const Keyframe& keyframe : keyframes) {
+    if (keyframe.alive) map_.learn_keyframe(keyframe.id, keyframe.T_odom_camera);
+  }
+  return true;
+}
+
 bool MapStage::due(std::uint64_t sequence) const {
   return map_.fused_frames() == 0 ||
          sequence >= last_fused_sequence_ + static_cast<std::uint64_t>(config_.map.fuse_every * fuse_factor_);

@@ -31,6 +31,10 @@ class MapStage {
  public:
   MapStage(Arena& arena, const Config& config, const RayTable& rays, bool has_detector);
 
+  /// Before the first frame: takes over a map's blocks, and where the keyframes are that they hang on. False
+  /// where there is too little room.
+  bool resume(const BlockTable& blocks, std::span<const Keyframe> keyframes);
+
   /// The tracker's thread posts a correction here before the first posed frame of its epoch: the map takes it
   /// with that frame.
   Mailbox<Correction>& corrections() { return corrections_.front(); }

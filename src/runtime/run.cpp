@@ -8,9 +8,13 @@
 #include <algorithm>
 #include <csignal>
 #include <ctime>
+#include <optional>
+#include <span>
+#include <vector>
 
 #include "detect/model_file.h"
 #include "eval/accuracy.h"
+#include "map/map_file.h"
 #include "map/ply.h"
 #include "runtime/checkpoint.h"
 #include "runtime/heap_count.h"
@@ -102,6 +106,50 @@ std::vector<StampedPose> final_poses(const RunContext& context) {
   return context.stages.final_trajectory.poses();
 }
 
+Status write_map(const RunContext& context, Nanoseconds timeout_ns) {
+  MapFileWriter file(context.options.map, map_facts(context.config), timeout_ns);
+  append_blocks(context.stages.map.map().blocks(), file);
+  const TrackStage& track = context.stages.track;
+  std::vector<std::byte> bytes(KeyframeWriter::kLargestRecord);
+  for (KeyframeWriter keyframes; !keyframes.done(track.tracker().local_map());) {
+    const std::size_t size = keyframes.write(track.tracker().local_map(), track.T_map_odom(), bytes);
+    file.append_keyframes(std::span(bytes).first(size));
+  }
+  return file.finish();
+}
+
+/// The map to go on in, where it fits the run.
+Result<MapFile> read_resumed(const RunOptions& o, const Config& config) {
+  Result<MapFile> map = read_map_file(o.resume);
+  if (!map.ok()) return map;
+  const auto wrong = [&](const std::string& what) {
+    return Error{ExitCode::WrongConfig, "--resume " + o.resume + ": " + what};
+  };
+  const MapFacts &its = map.value().facts, own = map_facts(config);
+  if (its.camera_hash != own.camera_hash)
+    return wrong(
+        "was mapped with another camera calibration; run with the camera file that it was mapped with");
+  if (its.voxel_m != own.voxel_m)
+    return wrong(fmt::format("has voxels of {:g} m, map.voxel_m is {:g} m; add --set map.voxel_m={:g}",
+                             its.voxel_m, own.voxel_m, its.voxel_m));
+  if (its.z_is_up != own.z_is_up)
+    return wrong(its.z_is_up ? "was mapped with camera.T_base_camera set; set it as it was"
+                             : "was mapped without camera.T_base_camera; leave it out");
+  const std::size_t blocks = map.value().blocks->blocks_used();
+  if (blocks > static_cast<std::size_t>(config.map.capacity_voxels / kBlockVoxels))
+    return wrong(fmt::format("holds {} blocks; raise map.capacity_voxels to {} or more", blocks,
+                             blocks * kBlockVoxels));
+  return map;
+}
+
+/// Fills the stages with a map that `read_resumed` has let through.
+Status resume(const RunOptions& o, const MapFile& map, Stages& stages) {
+  if (Status s = stages.track.resume(map.keyframes); !s.ok())
+    return Error{s.error().exit_code, "--resume " + o.resume + ": " + s.error().message};
+  STILLMAP_CHECK(stages.map.resume(*map.blocks, stages.track.tracker().local_map().keyframes()));
+  return {};
+}
+
 Status write_outputs(const RunContext& context, ReportFacts& facts,
                      const std::vector<StampedPose>& groundtruth, const std::vector<Nanoseconds>& stamps) {
   const RunOptions& o = context.options;
@@ -121,7 +169,7 @@ Status write_outputs(const RunContext& context, ReportFacts& facts,
     const auto timeout_ns = static_cast<Nanoseconds>(context.config.map.save_timeout_s * 1e9);
     context.stages.map.finish_correction();
     const VoxelMap& map = context.stages.map.map();
-    keep_first(is_map_file(o.map) ? write_map_file(map.blocks(), map_facts(context.config), o.map, timeout_ns)
+    keep_first(is_map_file(o.map) ? write_map(context, timeout_ns)
                                   : write_ply(map.blocks(), map.voxel_m(), o.map, timeout_ns));
   }
   if (results && !groundtruth.empty()) {
@@ -229,6 +277,12 @@ Status run(const RunOptions& asked) {
     if (!read.ok()) return read.error();
     groundtruth = std::move(read.value());
   }
+  std::optional<MapFile> resumed;
+  if (!options.resume.empty()) {
+    Result<MapFile> read = read_resumed(options, config);
+    if (!read.ok()) return read.error();
+    resumed = std::move(read.value());
+  }
   Result<OpenedSource> source = open_source(options.source, config, options.loops);
   if (!source.ok()) return source.error();
   const bool is_log = source.value().driver->describe().is_log;
@@ -261,6 +315,10 @@ Status run(const RunOptions& asked) {
   if (Status s = check_budget(planning, config); !s.ok()) return s;
   Arena arena(planning.bytes_planned());
   const auto stages = std::make_unique<Stages>(arena, config, parts);
+  if (resumed) {
+    if (Status s = resume(options, *resumed, *stages); !s.ok()) return s;
+    resumed.reset();
+  }
   if (stages->stream) {
     if (Status s = stages->stream->open(); !s.ok()) return s;
     const std::string& listen = config.stream.listen;
@@ -270,6 +328,7 @@ Status run(const RunOptions& asked) {
 
   const auto context = std::make_unique<RunContext>(config, options, mode, *source.value().driver,
                                                     detector.get(), *stages, stop_requested);
+  if (!options.resume.empty()) context->counters.state = static_cast<int>(TrackState::Lost);
   context->source_events = source.value().events.get();
   std::unique_ptr<Recorder> recorder;
   std::unique_ptr<RecordLane> record;

@@ -65,6 +65,7 @@ bool track_frame(RunContext& context, const FrameSlot& frame) {
   pass_correction(context, result);
   if (result.has_pose())
     context.stages.final_trajectory.note(result, context.stages.track.tracker().T_odom_reference_keyframe());
+  context.stages.track.serve_checkpoint();
   const bool first = context.track_log.first_pose_ns == 0;
   context.track_log.note(result, before, frame.due_ns, context.counters);
   if (first && context.track_log.first_pose_ns != 0) start_heap_count();

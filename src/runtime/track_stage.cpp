@@ -8,6 +8,7 @@ namespace stillmap {
 TrackStage::TrackStage(Arena& arena, const Config& config)
     : config_(config),
       tracker_(arena, config),
+      copier_(arena),
       carrier_(config.camera, static_cast<Nanoseconds>(config.detector.max_age_ms) * 1'000'000) {}
 
 const Pose* TrackStage::pose_of(std::uint64_t sequence) const {

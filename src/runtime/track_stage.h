@@ -7,6 +7,7 @@
 #include "core/frame_pool.h"
 #include "core/tracking_result.h"
 #include "detect/box_carrier.h"
+#include "track/keyframe_copier.h"
 #include "track/tracker.h"
 
 namespace stillmap {
@@ -41,12 +42,18 @@ class TrackStage {
 
   /// What a worker does beside the track thread.
   LocalAdjustment& adjustment() { return tracker_.adjustment(); }
+  /// Before the first frame: see Tracker.
+  Status resume(std::span<const std::byte> keyframes) { return tracker_.resume(keyframes); }
+  /// Copies a bounded number of keyframes for a checkpoint that waits for them.
+  void serve_checkpoint() { copier_.serve(tracker_.local_map(), result_.T_map_odom); }
+  KeyframeCopier& copier() { return copier_; }
 
   void set_feature_share(double share) { tracker_.set_feature_share(share); }
 
   /// The camera in the robot's base, where the configuration knows it.
   Pose T_base_camera() const { return tracker_.T_base_camera(); }
   const Tracker& tracker() const { return tracker_; }
+  Pose T_map_odom() const { return result_.T_map_odom; }
   /// Of the frame just stepped.
   const DynamicMask& mask() const { return mask_; }
   const BoxSupply& box_supply() const { return box_supply_; }
@@ -56,6 +63,7 @@ class TrackStage {
 
   Config config_;
   Tracker tracker_;
+  KeyframeCopier copier_;
   BoxCarrier carrier_;
   DynamicMask mask_;
   Detections carried_;

@@ -68,6 +68,8 @@ class LocalMap {
 
   /// A slot for a new keyframe with a fresh id; when full, the one that the others make most redundant goes.
   Keyframe& add_keyframe();
+  /// Later ids are of keyframes made from now on.
+  void begin_keyframe_ids_after(std::uint32_t id) { next_keyframe_id_ = id + 1; }
   std::span<Keyframe> keyframes() { return keyframes_; }
   std::span<const Keyframe> keyframes() const { return keyframes_; }
   Keyframe* newest_keyframe();

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "track/keyframe_file.h"
 #include "track/point_trust.h"
 
 namespace stillmap {
@@ -54,6 +55,25 @@ Tracker::Tracker(Arena& arena, const Config& config)
       observations_(arena.take<PoseObservation>("pose_observations", kFeatureCapacity)),
       observed_feature_(arena.take<std::uint16_t>("pose_observations.feature", kFeatureCapacity)) {
   result_.T_odom_camera = T_base_camera_;
+}
+
+Status Tracker::resume(std::span<const std::byte> keyframes) {
+  if (Status s = read_keyframes(keyframes, map_); !s.ok()) return s;
+  const Keyframe* newest = map_.newest_keyframe();
+  if (newest == nullptr) return Error{ExitCode::UnreadableInput, "holds no keyframes to find the camera by"};
+  for (const Keyframe& keyframe : map_.keyframes()) {
+    if (keyframe.alive) note_place(keyframe);
+  }
+  T_odom_keyframe_ = newest->T_odom_camera;
+  keyframe_points_ = newest->tracked_points;
+  result_.reference_keyframe = newest->id;
+  result_.state = TrackState::Lost;
+  return {};
+}
+
+void Tracker::note_place(const Keyframe& keyframe) {
+  places_.insert(static_cast<std::size_t>(&keyframe - map_.keyframes().data()),
+                 std::span<const Descriptor>(keyframe.descriptors).first(keyframe.features.size()));
 }
 
 Random Tracker::random_for(std::uint64_t sequence) const {
@@ -266,9 +286,8 @@ bool Tracker::wants_keyframe() const {
 void Tracker::insert_keyframe(const FrameSlot& slot) {
   builder_.cull_points(map_);
   const Keyframe& keyframe = builder_.insert_keyframe(map_, posed(slot), extractor_);
-  const auto place = static_cast<std::size_t>(&keyframe - map_.keyframes().data());
-  places_.insert(place, std::span<const Descriptor>(keyframe.descriptors).first(keyframe.features.size()));
-  loops_.ask(map_, place, places_);
+  note_place(keyframe);
+  loops_.ask(map_, static_cast<std::size_t>(&keyframe - map_.keyframes().data()), places_);
   T_odom_keyframe_ = keyframe.T_odom_camera;
   keyframe_points_ = keyframe.tracked_points;
   keyframe_ns_ = keyframe.stamp_ns;

@@ -10,6 +10,7 @@
 #include "core/correction.h"
 #include "core/dynamic_mask.h"
 #include "core/frame_pool.h"
+#include "core/status.h"
 #include "core/tracking_result.h"
 #include "track/depth_sampling.h"
 #include "track/feature_extractor.h"
@@ -48,6 +49,10 @@ class Tracker {
   void describe_keyframes(Correction& out) const;
   /// What a worker does for the local map beside tracking; `track` takes its results.
   LocalAdjustment& adjustment() { return adjustment_; }
+  const LocalMap& local_map() const { return map_; }
+  /// Before the first frame: takes over what a KeyframeWriter wrote, and is Lost in it until a frame is
+  /// recognised. The errors are `read_keyframes`'.
+  Status resume(std::span<const std::byte> keyframes);
 
   /// Of `track.features`, how much is looked for from the next frame on: less, to save time.
   void set_feature_share(double share) { extractor_.set_share(share); }
@@ -73,6 +78,7 @@ class Tracker {
   void judge();
   bool wants_keyframe() const;
   void insert_keyframe(const FrameSlot& slot);
+  void note_place(const Keyframe& keyframe);
   void count_labels();
   Random random_for(std::uint64_t sequence) const;
   PosedFeatures posed(const FrameSlot& slot) {

@@ -31,6 +31,10 @@ class MapFiles(ProgramTest):
         exported = self.path / "exported.ply"
         self.assertEqual(stillmap("map", "export", file, "--out", exported).returncode, DONE)
         self.assertEqual(exported.read_bytes(), ply.read_bytes())
+        tree = self.path / "exported.bt"
+        self.assertEqual(stillmap("map", "export", file, "--out", tree).returncode, DONE)
+        self.assertTrue(tree.read_bytes().startswith(b"# Octomap OcTree binary file\n"))
+        self.assertIn(b"\nres 0.04\n", tree.read_bytes())
 
     def test_floor_plan(self):
         flat, _ = self.make("flat.stillmap")

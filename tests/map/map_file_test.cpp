@@ -4,12 +4,15 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <array>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
 
 #include "map/map_copier.h"
+#include "map/map_queries.h"
 #include "tests/map/map_scene.h"
 
 namespace stillmap {
@@ -28,7 +31,11 @@ class MapFiles : public testing::Test {
   ~MapFiles() override { fs::remove_all(folder_); }
 
   const BlockTable& blocks() { return map_.map().blocks(); }
-  void write() { ASSERT_TRUE(write_map_file(blocks(), kFacts, path_).ok()); }
+  void write() {
+    MapFileWriter writer(path_, kFacts);
+    append_blocks(blocks(), writer);
+    ASSERT_TRUE(writer.finish().ok());
+  }
   std::string contents() const {
     std::ifstream file(path_, std::ios::binary);
     return {std::istreambuf_iterator<char>(file), {}};
@@ -84,7 +91,7 @@ TEST_F(MapFiles, a_cut_file_is_never_taken_for_a_map) {
   for (std::size_t length = 0; length < whole.size(); length += whole.size() / 97) {
     put(whole.substr(0, length));
     const std::string said = error_of_reading();
-    EXPECT_NE(said.find(length < 56 ? "is no Stillmap map" : "is cut off"), std::string::npos)
+    EXPECT_NE(said.find(length < 64 ? "is no Stillmap map" : "is cut off"), std::string::npos)
         << length << said;
   }
   put(whole.substr(0, whole.size() - 4128));  // a whole block less
@@ -130,6 +137,52 @@ TEST_F(MapFiles, a_block_that_comes_twice_counts_as_it_came_last) {
   EXPECT_EQ(read.value().blocks->occupied_voxels(), 0u);
 }
 
+TEST_F(MapFiles, keyframes_come_back_as_they_went) {
+  const std::array<std::byte, 5> keyframes{std::byte{1}, std::byte{2}, std::byte{3}, std::byte{4},
+                                           std::byte{5}};
+  MapFileWriter writer(path_, kFacts);
+  writer.append(blocks().block(0), blocks().voxels(0));
+  writer.append_keyframes(std::span(keyframes).first(2));
+  writer.append_keyframes(std::span(keyframes).subspan(2));
+  ASSERT_TRUE(writer.finish().ok());
+  const Result<MapFile> read = read_map_file(path_);
+  ASSERT_TRUE(read.ok()) << read.error().message;
+  EXPECT_EQ(read.value().blocks->size(), 1);
+  EXPECT_TRUE(std::ranges::equal(read.value().keyframes, keyframes));
+}
+
+TEST_F(MapFiles, a_resumed_map_is_the_same_and_goes_on) {
+  write();
+  const Result<MapFile> read = read_map_file(path_);
+  ASSERT_TRUE(read.ok());
+  MapUnderTest resumed(test::small_camera());
+  ASSERT_TRUE(resumed.map().load(*read.value().blocks));
+  EXPECT_EQ(test::bytes_of(resumed.map()), test::bytes_of(map_.map()));
+  const MapQueries queries(resumed.map(), true);
+  int occupied = 0;
+  for (double x = -3; x < 3; x += 0.05) {
+    const Vec3 p{x, 0.1, 2.98};
+    ASSERT_EQ(queries.at(p), map_.map().at(p));
+    occupied += queries.at(p) == Occupancy::Occupied;
+  }
+  EXPECT_GT(occupied, 5);
+  for (int i = 0; i < resumed.map().blocks().size(); ++i) {
+    for (const Voxel& v : resumed.map().blocks().voxels(i))
+      ASSERT_EQ(v.last_hit, 0) << "the mark of another run";
+  }
+  // A place that was known is cleared as if it had never been interrupted.
+  resumed.see(test::wall(3.5), {}, 8);
+  EXPECT_EQ(resumed.map().at({0.05, 0.05, 2.98}), Occupancy::Free);
+}
+
+TEST_F(MapFiles, a_map_with_too_little_room_loads_nothing) {
+  Config::Map config;
+  config.capacity_voxels = 20 * kBlockVoxels;
+  MapUnderTest small(test::small_camera(), config);
+  EXPECT_FALSE(small.map().load(blocks()));
+  EXPECT_EQ(small.map().blocks().size(), 0);
+}
+
 TEST_F(MapFiles, calibrations_differ_by_their_numbers) {
   const CameraModel camera = test::small_camera();
   CameraModel moved = camera;
@@ -139,18 +192,18 @@ TEST_F(MapFiles, calibrations_differ_by_their_numbers) {
 }
 
 TEST_F(MapFiles, a_copier_hands_over_all_blocks_in_bounded_bites) {
-  Arena arena(MapCopier::kBlocksAtOnce * sizeof(MapCopier::CopiedBlock) + 4096);
+  Arena arena(MapCopier::kBlocksAtOnce * sizeof(CopiedBlock) + 4096);
   MapCopier copier(arena);
   copier.serve(blocks());
-  EXPECT_TRUE(copier.ready().blocks.empty()) << "nobody asked";
+  EXPECT_TRUE(copier.ready().items.empty()) << "nobody asked";
   copier.begin();
   std::size_t seen = 0;
   for (bool last = false; !last; copier.next()) {
-    EXPECT_TRUE(copier.ready().blocks.empty());
+    EXPECT_TRUE(copier.ready().items.empty());
     copier.serve(blocks());
-    const MapCopier::Copies copies = copier.ready();
+    const MapCopier::Part copies = copier.ready();
     copier.serve(blocks());  // what is being read is left alone
-    for (const MapCopier::CopiedBlock& copy : copies.blocks) {
+    for (const CopiedBlock& copy : copies.items) {
       const int index = static_cast<int>(seen++);
       ASSERT_EQ(copy.block.at, blocks().block(index).at);
       ASSERT_EQ(std::memcmp(copy.voxels.data(), blocks().voxels(index).data(), sizeof(copy.voxels)), 0);
@@ -160,7 +213,7 @@ TEST_F(MapFiles, a_copier_hands_over_all_blocks_in_bounded_bites) {
   }
   EXPECT_GT(seen, MapCopier::kBlocksAtOnce) << "the map is too small to tell";
   copier.serve(blocks());
-  EXPECT_TRUE(copier.ready().blocks.empty()) << "the pass is over";
+  EXPECT_TRUE(copier.ready().items.empty()) << "the pass is over";
 }
 
 }  // namespace
