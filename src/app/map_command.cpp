@@ -47,7 +47,7 @@ Status export_map(const ExportOptions& o) {
   const double voxel_m = map.value().facts.voxel_m;
   if (ply) return write_ply(*map.value().blocks, voxel_m, o.out);
   if (tree) {
-    const Status written = write_octomap(*map.value().blocks, voxel_m, o.out);
+    Status written = write_octomap(*map.value().blocks, voxel_m, o.out);
     if (!written.ok() && written.error().exit_code == ExitCode::WrongConfig)
       return Error{ExitCode::WrongConfig, o.file + ": " + written.error().message};
     return written;

@@ -88,12 +88,17 @@ bool LoopCloser::confirms(const Sighting& earlier, const Sighting& now) const {
          norm(off.t) < kOff_m + kOdometryShare * way_m + 0.5 * kOff_rad * reach_m;
 }
 
+bool LoopCloser::awaits(std::uint32_t keyframe_id) const {
+  return sighting_ && keyframe_id - sighting_->a <= kSuccessive;
+}
+
 std::optional<LoopEdge> LoopCloser::judge(const Keyframe& a, const Keyframe& b, const ViewMatch& match) {
   ++counts_.verified;
   const Sighting now{a.id, b.id, match.T_a_b, a.T_odom_camera, b.T_odom_camera};
   const bool sure = sighting_ && confirms(*sighting_, now);
   sighting_ = now;
   if (!sure) return std::nullopt;
+  sighting_.reset();  // it has served
   ++counts_.closed;
   return LoopEdge{a.id, b.id, match.T_a_b, match.information, match.inliers};
 }

@@ -47,6 +47,8 @@ class LoopCloser {
   /// Asks for keyframe `slot` of `map`; nothing happens while busy. Keyframes with an id below
   /// `segment_begin` are of older segments: however new, nothing ties them to this one. 0: there is but one.
   void ask(const LocalMap& map, std::size_t slot, PlaceIndex& places, std::uint32_t segment_begin = 0);
+  /// The newest sighting needs a second one to be believed, and this keyframe can still give it.
+  bool awaits(std::uint32_t keyframe_id) const;
   bool busy() const { return next_ < candidates_.size(); }
   /// The next slice of the question; a loop, once it is sure.
   std::optional<LoopEdge> step(const LocalMap& map, Random random);

@@ -19,11 +19,15 @@ class LoopClosing {
         correction_(arena, static_cast<std::size_t>(config.keyframes),
                     static_cast<std::size_t>(config.points)) {}
 
-  /// After keyframe `slot` has been made. Every third is asked for: neighbours see the same, and two that
-  /// agree are still within the closer's reach.
+  /// After keyframe `slot` has been made. A question takes some milliseconds of many frames, and a loop can
+  /// wait: one is asked a second, and more only to confirm what the last one saw.
   void ask(const LocalMap& map, std::size_t slot, PlaceIndex& places) {
-    if (!correcting_ && map.keyframes()[slot].id % 3 == 0)
-      closer_.ask(map, slot, places, map.first_keyframe_of_segment());
+    const Keyframe& keyframe = map.keyframes()[slot];
+    constexpr Nanoseconds kPause_ns = 1'000'000'000;
+    const bool pausing = keyframe.stamp_ns - asked_ns_ < kPause_ns && keyframe.stamp_ns >= asked_ns_;
+    if (correcting_ || closer_.busy() || (pausing && !closer_.awaits(keyframe.id))) return;
+    asked_ns_ = keyframe.stamp_ns;
+    closer_.ask(map, slot, places, map.first_keyframe_of_segment());
   }
   /// The next slice. When a loop has been closed, the map is mended, its segments are one, and what map ->
   /// odom is to be multiplied by from the right is returned.
@@ -55,6 +59,7 @@ class LoopClosing {
   LoopCloser closer_;
   LoopCorrection correction_;
   bool correcting_ = false;
+  Nanoseconds asked_ns_ = 0;  // stamp of the keyframe that was last asked for
 };
 
 }  // namespace stillmap
