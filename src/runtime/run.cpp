@@ -259,7 +259,7 @@ Status run(const RunOptions& asked) {
   const HeapScope scope(HeapOwner::None);
   stop_requested.store(false);
   handle_signals();
-  mallopt(M_ARENA_MAX, 2);  // else each thread that allocates gets an arena of its own, which never shrinks
+  mallopt(M_ARENA_MAX, 1);  // the hot threads take nothing from the heap, and an arena never shrinks
   spdlog::set_default_logger(
       std::make_shared<spdlog::logger>("stillmap", std::make_shared<spdlog::sinks::stderr_sink_mt>()));
   const Result<RunOptions> completed = complete(asked);
