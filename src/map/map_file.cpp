@@ -161,9 +161,9 @@ Result<MapFile> read_map_file(const std::string& path) {
   map.blocks = std::make_unique<BlockTable>(*map.memory, std::max<std::size_t>(blocks, 1));
   for (std::size_t i = 0; i < blocks; ++i)
     put_block(bytes.data() + sizeof(Header) + i * kBlockBytes, *map.blocks);
-  map.keyframes.resize(footer.keyframe_bytes);
-  std::memcpy(map.keyframes.data(), bytes.data() + sizeof(Header) + blocks * kBlockBytes,
-              footer.keyframe_bytes);
+  const std::span<const std::byte> all = std::as_bytes(std::span(bytes));
+  const auto keyframes = all.subspan(sizeof(Header) + blocks * kBlockBytes, footer.keyframe_bytes);
+  map.keyframes.assign(keyframes.begin(), keyframes.end());
   return map;
 }
 
