@@ -110,6 +110,21 @@ TEST_F(LocalAdjustmentTest, WhatIsGoneMeanwhileIsLeftAlone) {
   EXPECT_EQ(map.find(other)->p_odom.x, 9);
 }
 
+TEST_F(LocalAdjustmentTest, AWindowFromBeforeACorrectionIsNotTakenBack) {
+  for (int n = 0; n < 5; ++n) add_keyframe(step(n));
+  Keyframe& newest = *map.newest_keyframe();
+  adjustment_.offer(map, extractor);
+  adjustment_.outdate();
+  newest.T_odom_camera = step(50);
+  adjustment_.work();
+  EXPECT_FALSE(adjustment_.collect(map));
+  EXPECT_EQ(newest.T_odom_camera.t.x, step(50).t.x);
+  newest.T_odom_camera = step(4);
+  adjustment_.offer(map, extractor);
+  adjustment_.work();
+  EXPECT_TRUE(adjustment_.collect(map)) << "the next one is";
+}
+
 TEST_F(LocalAdjustmentTest, TwoThreadsPassTheWindowToAndFro) {
   for (int n = 0; n < 6; ++n) add_keyframe(step(n));
   std::atomic<bool> end{false};
