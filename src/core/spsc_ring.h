@@ -39,13 +39,19 @@ class SpscRing {
     return true;
   }
 
-  /// Consumer only. The oldest item, or nothing.
-  [[nodiscard]] std::optional<T> try_pop() {
+  /// Consumer only. The oldest item, which stays, until the next try_pop; or nullptr.
+  [[nodiscard]] const T* front() {
     const std::size_t tail = tail_.load(std::memory_order_relaxed);
     if (tail == head_seen_) {
       head_seen_ = head_.load(std::memory_order_acquire);
-      if (tail == head_seen_) return std::nullopt;
+      if (tail == head_seen_) return nullptr;
     }
+    return &items_[tail & (N - 1)];
+  }
+  /// Consumer only. The oldest item, or nothing.
+  [[nodiscard]] std::optional<T> try_pop() {
+    if (front() == nullptr) return std::nullopt;
+    const std::size_t tail = tail_.load(std::memory_order_relaxed);
     std::optional<T> item(std::exchange(items_[tail & (N - 1)], T{}));
     tail_.store(tail + 1, std::memory_order_release);
     return item;

@@ -177,20 +177,22 @@ void capture_thread(RunContext& context, Lanes& lanes) {
   lanes.main_waker.wake();
 }
 
-/// The newest frame of the tracker's ring; in fast mode the next. Those that it skips are counted.
+/// The newest frame of the tracker's ring; in fast mode the next. Those that it skips are counted. The end of
+/// the stream takes nobody's place.
 FrameHandle next_to_track(RunContext& context, Lanes& lanes, bool& end) {
   FrameHandle newest;
-  do {
-    if (newest && lanes.to_track.size() > 0) {
+  while (!end && !(newest && context.mode == RunMode::Fast)) {
+    const Lanes::FrameItem* next = lanes.to_track.front();
+    if (next == nullptr) break;
+    if (newest && !next->end) {
       context.counters.drop(DropReason::TrackerBehind);
       newest.reset();  // before the next is taken: capture may need its place
     }
     auto item = lanes.to_track.try_pop();
-    if (!item) break;
     lanes.capture_waker.wake();
     end = item->end;
     if (item->frame) newest = std::move(item->frame);
-  } while (!end && context.mode != RunMode::Fast);
+  }
   return newest;
 }
 

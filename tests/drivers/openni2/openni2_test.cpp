@@ -95,6 +95,24 @@ class Openni2 : public testing::Test {
     if (heap != nullptr) *heap += test::heap_calls() - before;
     return result;
   }
+  /// At least so many of the camera's frames are in a recording with both pictures.
+  static int pairs_in(const std::string& file) {
+    EXPECT_EQ(openni::OpenNI::initialize(), openni::STATUS_OK);
+    int pictures = 0;
+    {
+      openni::Device device;
+      EXPECT_EQ(device.open(file.c_str()), openni::STATUS_OK);
+      for (const openni::SensorType sensor : {openni::SENSOR_COLOR, openni::SENSOR_DEPTH}) {
+        openni::VideoStream stream;
+        EXPECT_EQ(stream.create(device, sensor), openni::STATUS_OK);
+        pictures += device.getPlaybackControl()->getNumberOfFrames(stream);
+        stream.destroy();
+      }
+      device.close();
+    }
+    openni::OpenNI::shutdown();
+    return pictures - kFrames;
+  }
   test::TemporaryFolder folder_;
 };
 
@@ -194,6 +212,8 @@ TEST_F(Openni2, RefusalsNameTheMend) {
   EXPECT_THAT(refusal(request("/no/such/file.oni")), HasSubstr("cannot be opened"));
 }
 
+// The library's recorder leaves out pictures on a busy machine, so what must come back is what the file
+// holds.
 TEST_F(Openni2, ARecordingReplaysWhole) {
   const std::string file = (folder_.path() / "recording.oni").string();
   {
@@ -218,6 +238,8 @@ TEST_F(Openni2, ARecordingReplaysWhole) {
     device.close();
     openni::OpenNI::shutdown();
   }
+  const int whole_pairs = pairs_in(file);
+  ASSERT_GE(whole_pairs, 2) << "too little was recorded to say anything";
   const auto recording = driver(request(file));
   const Status opened = recording->open();
   ASSERT_TRUE(opened.ok()) << opened.error().message;
@@ -227,8 +249,8 @@ TEST_F(Openni2, ARecordingReplaysWhole) {
   std::vector<int> played;
   for (GrabResult r = grab(*recording, slot); r.status == GrabStatus::Frame; r = grab(*recording, slot))
     played.push_back(slot.number());
-  EXPECT_GE(played.size(), kFrames - 2u);
-  for (std::size_t i = 1; i < played.size(); ++i) EXPECT_EQ(played[i], played[i - 1] + 1);
+  EXPECT_GE(static_cast<int>(played.size()), whole_pairs);
+  for (std::size_t i = 1; i < played.size(); ++i) EXPECT_GT(played[i], played[i - 1]);
   EXPECT_EQ(grab(*recording, slot).status, GrabStatus::EndOfStream);
   recording->stop();
 }
