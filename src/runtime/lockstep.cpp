@@ -70,7 +70,7 @@ void run_lockstep(RunContext& context) {
     }
     if (auto* item = delayed.due(n)) context.stages.track.take_boxes(item->detected.boxes);
     const bool has_pose = track_frame(context, *frame);
-    if (context.stages.track.adjustment().waits() && adjust_at == kNever)
+    if (context.stages.track.work_waits() && adjust_at == kNever)
       adjust_at = n + static_cast<std::uint64_t>(context.options.adjust_delay);
     if (n >= adjust_at) {
       adjust_map(context);

@@ -86,9 +86,12 @@ bool track_frame(RunContext& context, const FrameSlot& frame) {
 
 void adjust_map(RunContext& context) {
   const HeapScope scope(HeapOwner::Track);
-  const Nanoseconds begin = monotonic_now();
-  context.stages.track.adjustment().work();
-  context.adjust_log.run_time.add(monotonic_now() - begin);
+  if (context.stages.track.adjustment().waits()) {
+    const Nanoseconds begin = monotonic_now();
+    context.stages.track.adjustment().work();
+    context.adjust_log.run_time.add(monotonic_now() - begin);
+  }
+  context.stages.track.loops().work();
 }
 
 void offer_picture(RunContext& context, const FrameHandle& frame, const Detections& own) {

@@ -210,7 +210,7 @@ void track_thread(RunContext& context, Lanes& lanes) {
       const AtWork working(context, Stage::Track);
       if (lanes.boxes_to_track.refresh()) context.stages.track.take_boxes(lanes.boxes_to_track.value());
       if (track_frame(context, *frame)) context.stages.track.fill_posed(frame, item.posed);
-      if (context.stages.track.adjustment().waits()) lanes.adjust_waker.wake();
+      if (context.stages.track.work_waits()) lanes.adjust_waker.wake();
       if (context.detector == nullptr) offer_picture(context, frame, {});
     }
     bool fits = true;
@@ -233,7 +233,7 @@ void track_thread(RunContext& context, Lanes& lanes) {
 void adjust_thread(RunContext& context, Lanes& lanes) {
   while (!lanes.workers_end.load(std::memory_order_acquire)) {
     const std::uint32_t ticket = lanes.adjust_waker.ticket();
-    if (!context.stages.track.adjustment().waits()) {
+    if (!context.stages.track.work_waits()) {
       lanes.adjust_waker.wait(ticket, kIdleWait);
       continue;
     }

@@ -40,8 +40,11 @@ class TrackStage {
   /// The frame just stepped, for the map; only when it has a pose.
   void fill_posed(const FrameHandle& frame, PosedFrame& out) const;
 
-  /// What a worker does beside the track thread.
+  /// What a worker does beside the track thread; the adjustment first.
   LocalAdjustment& adjustment() { return tracker_.adjustment(); }
+  LoopClosing& loops() { return tracker_.loops(); }
+  /// Any thread: one of them has work.
+  bool work_waits() { return adjustment().waits() || loops().waits(); }
   /// Before the first frame: see Tracker.
   Status resume(std::span<const std::byte> keyframes) { return tracker_.resume(keyframes); }
   /// Copies a bounded number of keyframes for a checkpoint that waits for them.

@@ -2,13 +2,28 @@
 #include "track/local_map.h"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
+#include <numeric>
+#include <utility>
 
 namespace stillmap {
+
+namespace {
+
+/// Between two views: a metre weighs as much as a radian (of the chord: this is asked for each pair).
+double distance(const Pose& a, const Pose& b) {
+  double trace = 0;  // of Ra^T Rb
+  for (std::size_t i = 0; i < 9; ++i) trace += a.R.m[i] * b.R.m[i];
+  return norm(a.t - b.t) + std::sqrt(std::max(0.0, 3 - trace));
+}
+
+}  // namespace
 
 LocalMap::LocalMap(Arena& arena, std::size_t keyframes, std::size_t points)
     : points_(arena.take<MapPoint>("map_points", points)),
       free_points_(arena.take<std::uint32_t>("map_points.free", points)),
+      by_age_(arena.take<std::uint32_t>("map_points.by_age", points)),
       keyframes_(arena.take<Keyframe>("keyframes", keyframes)) {
   clear();
 }
@@ -22,22 +37,23 @@ void LocalMap::clear() {
   for (Keyframe& k : keyframes_) k.alive = false;
 }
 
-std::size_t LocalMap::slot_to_reuse() const {
-  // The point that was found longest ago says least about where the camera is now.
-  const auto oldest = std::min_element(
-      points_.begin(), points_.end(),
-      [](const MapPoint& a, const MapPoint& b) { return a.last_found_sequence < b.last_found_sequence; });
-  return static_cast<std::size_t>(oldest - points_.begin());
+/// Points that were found longest ago say least about where the camera is now. Some are given up at once:
+/// a keyframe brings hundreds, and to look through all points for each would take milliseconds.
+void LocalMap::give_up_points() {
+  constexpr std::size_t kShare = 64;
+  const std::size_t count = std::max<std::size_t>(1, points_.size() / kShare);
+  std::iota(by_age_.begin(), by_age_.end(), 0u);
+  const auto age = [&](std::uint32_t i) { return std::pair(points_[i].last_found_sequence, i); };
+  const auto end = by_age_.begin() + static_cast<std::ptrdiff_t>(count);
+  std::nth_element(by_age_.begin(), end - 1, by_age_.end(),
+                   [&](std::uint32_t i, std::uint32_t j) { return age(i) < age(j); });
+  for (auto slot = by_age_.begin(); slot != end; ++slot) remove_point(*slot);
+  points_refused_ += count;
 }
 
 PointRef LocalMap::add_point(const MapPoint& point) {
-  std::size_t slot = 0;
-  if (free_count_ > 0) {
-    slot = free_points_[--free_count_];
-  } else {
-    ++points_refused_;
-    slot = slot_to_reuse();
-  }
+  if (free_count_ == 0) give_up_points();
+  const std::size_t slot = free_points_[--free_count_];
   points_[slot] = point;
   points_[slot].alive = true;
   points_[slot].id = next_point_id_++;
@@ -73,8 +89,7 @@ std::size_t LocalMap::keyframe_to_reuse() const {
     if (keyframes_[i].id + 3 > newest->id) continue;
     for (std::size_t j = 0; j < keyframes_.size(); ++j) {
       if (i == j) continue;
-      const Pose T = inverse(keyframes_[i].T_odom_camera) * keyframes_[j].T_odom_camera;
-      const double apart = norm(T.t) + norm(log_so3(T.R));  // a metre weighs as much as a radian
+      const double apart = distance(keyframes_[i].T_odom_camera, keyframes_[j].T_odom_camera);
       if (apart < smallest) {
         smallest = apart;
         chosen = i;

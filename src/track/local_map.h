@@ -58,7 +58,7 @@ class LocalMap {
  public:
   LocalMap(Arena& arena, std::size_t keyframes, std::size_t points);
 
-  /// A slot for a new point with a fresh id, or the least useful point's slot when full (counted).
+  /// A slot for a new point with a fresh id; when full, those that were found longest ago go (counted).
   PointRef add_point(const MapPoint& point);
   void remove_point(std::size_t slot);
   std::span<MapPoint> points() { return points_; }
@@ -98,11 +98,12 @@ class LocalMap {
   }
 
  private:
-  std::size_t slot_to_reuse() const;
+  void give_up_points();
   std::size_t keyframe_to_reuse() const;
 
   std::span<MapPoint> points_;
   std::span<std::uint32_t> free_points_;
+  std::span<std::uint32_t> by_age_;  // slots, while some are given up
   std::size_t free_count_ = 0;
   std::span<Keyframe> keyframes_;
   std::uint32_t next_point_id_ = 1, next_keyframe_id_ = 1;

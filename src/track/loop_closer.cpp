@@ -23,6 +23,7 @@ constexpr double kOff_m = 0.06, kOff_rad = 0.05, kOdometryShare = 0.05;
 
 LoopCloser::LoopCloser(Arena& arena, const Config::Track& config, const CameraModel& camera)
     : matcher_(arena, config, camera),
+      pair_(arena.take<Keyframe>("loop_closer.pair", 2)),
       point_of_slot_(
           arena.take<std::uint32_t>("loop_closer.points", static_cast<std::size_t>(config.points))) {}
 
@@ -54,7 +55,6 @@ void LoopCloser::ask(const LocalMap& map, std::size_t slot, PlaceIndex& places, 
   asking_ = {slot, a.id};
   candidates_.clear();
   next_ = 0;
-  begun_ = compared_ = false;
   for (const PlaceCandidate& c : places.query({a.descriptors.data(), a.features.size()})) {
     const Keyframe& b = map.keyframes()[c.slot];
     if (c.features < kFewestResembling || !b.alive || b.id >= a.id) continue;
@@ -92,39 +92,40 @@ bool LoopCloser::awaits(std::uint32_t keyframe_id) const {
   return sighting_ && keyframe_id - sighting_->a <= kSuccessive;
 }
 
-std::optional<LoopEdge> LoopCloser::judge(const Keyframe& a, const Keyframe& b, const ViewMatch& match) {
+bool LoopCloser::prepare(const LocalMap& map, Random random) {
+  const Keyframe* a = find(map, asking_);
+  if (a == nullptr) end_question();  // the ring has given its slot to another keyframe
+  for (; busy(); ++next_) {
+    const Keyframe* b = find(map, candidates_[next_]);
+    if (b == nullptr) continue;
+    pair_[0] = *a;
+    pair_[1] = *b;
+    random_ = random;
+    return true;
+  }
+  return false;
+}
+
+void LoopCloser::compare() {
+  match_ = matcher_.match(pair_[0], pair_[1], random_);
+}
+
+std::optional<LoopEdge> LoopCloser::judge(const LocalMap& map) {
+  ++counts_.compared;
+  ++next_;
+  if (!match_ || !is_convincing(*match_)) return std::nullopt;
+  end_question();  // the others see the same place
   ++counts_.verified;
-  const Sighting now{a.id, b.id, match.T_a_b, a.T_odom_camera, b.T_odom_camera};
+  // Where they are now: the map may have been mended meanwhile.
+  const Keyframe *a = map.find_keyframe(pair_[0].id), *b = map.find_keyframe(pair_[1].id);
+  if (a == nullptr || b == nullptr) return std::nullopt;
+  const Sighting now{a->id, b->id, match_->T_a_b, a->T_odom_camera, b->T_odom_camera};
   const bool sure = sighting_ && confirms(*sighting_, now);
   sighting_ = now;
   if (!sure) return std::nullopt;
   sighting_.reset();  // it has served
   ++counts_.closed;
-  return LoopEdge{a.id, b.id, match.T_a_b, match.information, match.inliers};
-}
-
-std::optional<LoopEdge> LoopCloser::step(const LocalMap& map, Random random) {
-  if (!busy()) return std::nullopt;
-  const Keyframe *a = find(map, asking_), *b = find(map, candidates_[next_]);
-  if (a == nullptr || b == nullptr) {
-    // The ring has given a slot to another keyframe in the meantime.
-    next_ = a == nullptr ? candidates_.size() : next_ + 1;
-    begun_ = compared_ = false;
-    return std::nullopt;
-  }
-  if (!begun_) matcher_.begin();
-  begun_ = true;
-  if (!compared_) {
-    compared_ = matcher_.compare(*a, *b);
-    return std::nullopt;
-  }
-  begun_ = compared_ = false;
-  ++counts_.compared;
-  ++next_;
-  const std::optional<ViewMatch> match = matcher_.match(*a, *b, random);
-  if (!match || !is_convincing(*match)) return std::nullopt;
-  next_ = candidates_.size();  // the others see the same place
-  return judge(*a, *b, *match);
+  return LoopEdge{a->id, b->id, match_->T_a_b, match_->information, match_->inliers};
 }
 
 }  // namespace stillmap

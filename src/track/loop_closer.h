@@ -38,8 +38,8 @@ struct LoopCounts {
 /// more: candidates from the place index, geometric verification of each, and two successive keyframes that
 /// say the same. The same joins a segment that was begun after a loss to an older one.
 ///
-/// Work comes in slices of a few milliseconds: `ask` once per keyframe, then `step` once per frame while
-/// `busy`. Used by one thread; no heap after construction.
+/// `ask` once per keyframe; then, while `prepare` says that there is a pair to compare, `compare` it, which
+/// may be another thread's, and `judge`. No heap after construction.
 class LoopCloser {
  public:
   LoopCloser(Arena& arena, const Config::Track& config, const CameraModel& camera);
@@ -50,8 +50,12 @@ class LoopCloser {
   /// The newest sighting needs a second one to be believed, and this keyframe can still give it.
   bool awaits(std::uint32_t keyframe_id) const;
   bool busy() const { return next_ < candidates_.size(); }
-  /// The next slice of the question; a loop, once it is sure.
-  std::optional<LoopEdge> step(const LocalMap& map, Random random);
+  /// Copies the question's next pair of keyframes out of the map. False where none is left.
+  bool prepare(const LocalMap& map, Random random);
+  /// Some 30 million instructions. Looks at nothing but the copies.
+  void compare();
+  /// What the comparison says; a loop, once it is sure.
+  std::optional<LoopEdge> judge(const LocalMap& map);
   const LoopCounts& counts() const { return counts_; }
 
   /// Whether geometry alone speaks for a match: enough inliers in number and spread, an accurate pose, and a
@@ -71,14 +75,18 @@ class LoopCloser {
   static const Keyframe* find(const LocalMap& map, KeyframeRef ref);
   int shared_points(const Keyframe& a, const Keyframe& b);
   bool confirms(const Sighting& earlier, const Sighting& now) const;
-  std::optional<LoopEdge> judge(const Keyframe& a, const Keyframe& b, const ViewMatch& match);
+  void end_question() { next_ = candidates_.size(); }
 
   ViewMatcher matcher_;
+  // What `compare` works on.
+  std::span<Keyframe> pair_;
+  Random random_{0};
+  std::optional<ViewMatch> match_;
+
   std::span<std::uint32_t> point_of_slot_;  // ids of the asking keyframe's points, by slot
   KeyframeRef asking_;
   FixedVector<KeyframeRef, kCandidates> candidates_;
-  std::size_t next_ = 0;  // candidate at work
-  bool begun_ = false, compared_ = false;
+  std::size_t next_ = 0;              // candidate at work
   std::optional<Sighting> sighting_;  // the newest that geometry verified
   LoopCounts counts_;
 };

@@ -7,11 +7,13 @@
 #include "track/loop_closer.h"
 #include "track/loop_correction.h"
 #include "track/place_index.h"
+#include "track/turns.h"
 
 namespace stillmap {
 
-/// From a keyframe to a mended map, a slice of work per frame: does it show a known place, and if so, where
-/// must what lies between be? The tracker's thread; no heap after construction.
+/// From a keyframe to a mended map: does it show a known place, and if so, where must what lies between be?
+/// The tracker asks and takes the answers; a worker compares pictures and solves, beside it. No heap after
+/// construction.
 class LoopClosing {
  public:
   LoopClosing(Arena& arena, const Config::Track& config, const CameraModel& camera)
@@ -19,8 +21,8 @@ class LoopClosing {
         correction_(arena, static_cast<std::size_t>(config.keyframes),
                     static_cast<std::size_t>(config.points)) {}
 
-  /// After keyframe `slot` has been made. A question takes some milliseconds of many frames, and a loop can
-  /// wait: one is asked a second, and more only to confirm what the last one saw.
+  /// The tracker's, after keyframe `slot` has been made. A question costs the worker some 30 ms, and a loop
+  /// can wait: one is asked a second, and more only to confirm what the last one saw.
   void ask(const LocalMap& map, std::size_t slot, PlaceIndex& places) {
     const Keyframe& keyframe = map.keyframes()[slot];
     constexpr Nanoseconds kPause_ns = 1'000'000'000;
@@ -29,19 +31,35 @@ class LoopClosing {
     asked_ns_ = keyframe.stamp_ns;
     closer_.ask(map, slot, places, map.first_keyframe_of_segment());
   }
-  /// The next slice. When a loop has been closed, the map is mended, its segments are one, and what map ->
-  /// odom is to be multiplied by from the right is returned.
+  /// The tracker's, once a frame: takes what the worker has found, and gives it what comes next. When a loop
+  /// has been closed, the map is mended, its segments are one, and what map -> odom is to be multiplied by
+  /// from the right is returned.
   std::optional<Pose> step(LocalMap& map, Random random) {
+    if (turns_.waits()) return std::nullopt;
     std::optional<Pose> moved;
-    if (!correcting_) {
-      const std::optional<LoopEdge> loop = closer_.step(map, random);
-      correcting_ =
-          loop && is_off(map, *loop) && correction_.begin(map, *loop, map.first_keyframe_of_segment());
-    } else if (!(correcting_ = correction_.step())) {
-      moved = correction_.apply(map);
-      if (moved) map.join_segments();
+    if (turns_.done()) {
+      if (!correcting_) {
+        const std::optional<LoopEdge> loop = closer_.judge(map);
+        correcting_ =
+            loop && is_off(map, *loop) && correction_.prepare(map, *loop, map.first_keyframe_of_segment());
+      } else {
+        correcting_ = false;
+        moved = correction_.apply(map);
+        if (moved) map.join_segments();
+      }
+      turns_.rest();
     }
+    if (correcting_ || closer_.prepare(map, random)) turns_.offer();
     return moved;
+  }
+
+  /// Any thread: there is work.
+  bool waits() const { return turns_.waits(); }
+  /// The worker's; nothing where none waits.
+  void work() {
+    if (!waits()) return;
+    correcting_ ? correction_.solve() : closer_.compare();
+    turns_.finish();
   }
   const LoopCounts& counts() const { return closer_.counts(); }
 
@@ -56,9 +74,10 @@ class LoopClosing {
     return !map.in_segment(*b) || norm((off * b->T_odom_camera).t - b->T_odom_camera.t) > kOff_m ||
            norm(log_so3(off.R)) > kOff_rad;
   }
+  Turns turns_;
   LoopCloser closer_;
   LoopCorrection correction_;
-  bool correcting_ = false;
+  bool correcting_ = false;   // written in the tracker's turn only
   Nanoseconds asked_ns_ = 0;  // stamp of the keyframe that was last asked for
 };
 

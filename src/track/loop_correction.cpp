@@ -104,7 +104,7 @@ bool LoopCorrection::add_loop(const LoopEdge& loop) {
   return a && b && graph_.add_edge({*a, *b, loop.T_a_b, loop.information, true});
 }
 
-bool LoopCorrection::begin(const LocalMap& map, const LoopEdge& loop, std::uint32_t segment_begin) {
+bool LoopCorrection::prepare(const LocalMap& map, const LoopEdge& loop, std::uint32_t segment_begin) {
   collect_nodes(map);
   // Loops first: they must find room.
   std::size_t kept = 0;
@@ -125,7 +125,6 @@ bool LoopCorrection::begin(const LocalMap& map, const LoopEdge& loop, std::uint3
     static_cast<void>(graph_.add_edge({i - 1, i, T, odometry_information(T)}));
   }
   tie_by_points(map, segment_begin);
-  graph_.begin();
   return true;
 }
 
@@ -152,8 +151,7 @@ void LoopCorrection::move_points(LocalMap& map) {
 }
 
 std::optional<Pose> LoopCorrection::apply(LocalMap& map) {
-  const PoseGraphState state = graph_.result().state;
-  if (state == PoseGraphState::Running || state == PoseGraphState::NothingToDo) return std::nullopt;
+  if (graph_.result().state == PoseGraphState::NothingToDo) return std::nullopt;
   if (graph_.edges()[newest_loop_].weight < PoseGraph::kRefusedBelow) {
     loops_.pop_back();
     return std::nullopt;

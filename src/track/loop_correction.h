@@ -14,18 +14,17 @@ namespace stillmap {
 
 /// Mends the local map after a loop: keyframes' poses by a pose graph, and each point with a keyframe that
 /// saw it. The newest keyframe stays where it is, so that odom does not jump; what moves is the past, and
-/// with it map -> odom. Used by the tracker's thread; no heap after construction.
+/// with it map -> odom. No heap after construction.
 class LoopCorrection {
  public:
   LoopCorrection(Arena& arena, std::size_t keyframes, std::size_t points);
 
-  /// Begins with one more loop. Keyframes that share points, and successive ones, hold together as they stand
-  /// now; but nothing ties those with an id below `segment_begin` to the others. False where an end is no
-  /// longer in the map.
-  bool begin(const LocalMap& map, const LoopEdge& loop, std::uint32_t segment_begin = 0);
-  /// The next slice of the solution, some milliseconds; true while there are more. The map may grow
-  /// meanwhile.
-  bool step() { return graph_.step(); }
+  /// Takes over where keyframes stand, and one more loop. Keyframes that share points, and successive ones,
+  /// hold together as they stand now; but nothing ties those with an id below `segment_begin` to the others.
+  /// False where an end is no longer in the map.
+  bool prepare(const LocalMap& map, const LoopEdge& loop, std::uint32_t segment_begin = 0);
+  /// Some milliseconds; may be another thread's, and the map may go on meanwhile.
+  void solve() { graph_.solve(); }
   /// Takes the solution into the map. What map -> odom is to be multiplied by from the right, so that the
   /// oldest keyframe stays where it is in the map's frame; nothing, with the map as it was, where the loop
   /// did not fit the rest.

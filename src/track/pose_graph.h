@@ -63,11 +63,7 @@ class PoseGraph {
   /// finite.
   [[nodiscard]] bool add_edge(const PoseGraphEdge& edge);
 
-  /// All steps at once.
   PoseGraphResult solve();
-  /// The same in slices: `begin`, then `step` (some milliseconds for 200 nodes) until it returns false.
-  void begin();
-  bool step();
   const PoseGraphResult& result() const { return result_; }
 
   /// By number.
@@ -90,6 +86,8 @@ class PoseGraph {
     Matrix H{}, L{};
   };
 
+  void begin();
+  bool step();
   void find_reachable();
   void lay_out_blocks();
   double squared_residual(const PoseGraphEdge& edge, const Pose& T_a, const Pose& T_b) const;

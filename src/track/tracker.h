@@ -49,6 +49,7 @@ class Tracker {
   void describe_keyframes(Correction& out) const;
   /// What a worker does for the local map beside tracking; `track` takes its results.
   LocalAdjustment& adjustment() { return adjustment_; }
+  LoopClosing& loops() { return loops_; }
   const LocalMap& local_map() const { return map_; }
   /// Before the first frame: takes over what a KeyframeWriter wrote, and is Lost in it until a frame is
   /// recognised. The errors are `read_keyframes`'.

@@ -16,7 +16,6 @@ namespace {
 
 using Matrix6 = Eigen::Matrix<double, 6, 6, Eigen::RowMajor>;
 
-constexpr std::size_t kSlice = 250;  // features of a
 constexpr int kMaxDistance = 64;
 constexpr double kRatio = 0.9;
 constexpr int kRivalDistance = 72;  // no nearest one is refused for a second nearest beyond that
@@ -55,14 +54,10 @@ double ViewMatcher::depth_sigma_m(double z_m) const {
   return 2 * camera_.depth_sigma_m(z_m) + 0.01;
 }
 
-void ViewMatcher::begin() {
-  compared_ = 0;
+/// All descriptors with all.
+void ViewMatcher::compare(const Keyframe& a, const Keyframe& b) {
   std::fill(best_of_a_.begin(), best_of_a_.end(), Best{});
   std::fill(best_of_b_.begin(), best_of_b_.end(), Best{});
-}
-
-bool ViewMatcher::compare(const Keyframe& a, const Keyframe& b) {
-  const std::size_t end = std::min(compared_ + kSlice, a.features.size());
   const auto note = [](Best& best, int distance, std::size_t other) {
     if (distance < best.distance) {
       best.second = best.distance;
@@ -76,17 +71,16 @@ bool ViewMatcher::compare(const Keyframe& a, const Keyframe& b) {
   for (std::size_t j = 0; j < b.features.size(); ++j) {
     if (b.features[j].depth_m > 0) static_cast<void>(order_.try_push_back(static_cast<std::uint16_t>(j)));
   }
-  for (; compared_ < end; ++compared_) {
-    if (a.features[compared_].depth_m <= 0) continue;
-    const Descriptor d = a.descriptors[compared_];
+  for (std::size_t i = 0; i < a.features.size(); ++i) {
+    if (a.features[i].depth_m <= 0) continue;
+    const Descriptor d = a.descriptors[i];
     for (const std::uint16_t j : order_) {
       const int distance = hamming(d, b.descriptors[j]);
       if (distance >= kRivalDistance) continue;
-      note(best_of_a_[compared_], distance, j);
-      note(best_of_b_[j], distance, compared_);
+      note(best_of_a_[i], distance, j);
+      note(best_of_b_[j], distance, i);
     }
   }
-  return compared_ == a.features.size();
 }
 
 void ViewMatcher::collect_pairs(const Keyframe& a, const Keyframe& b) {
@@ -265,6 +259,7 @@ void ViewMatcher::weigh(const PoseEstimate& estimate, const Keyframe& a, const K
 }
 
 std::optional<ViewMatch> ViewMatcher::match(const Keyframe& a, const Keyframe& b, Random random) {
+  compare(a, b);
   collect_pairs(a, b);
   ViewMatch out;
   out.pairs = static_cast<int>(pairs_.size());

@@ -38,13 +38,8 @@ class ViewMatcher {
  public:
   ViewMatcher(Arena& arena, const Config::Track& config, const CameraModel& camera);
 
-  /// Begins a comparison.
-  void begin();
-  /// Compares the next slice of a's descriptors with b's; true when all are compared. A slice is some
-  /// five million instructions.
-  bool compare(const Keyframe& a, const Keyframe& b);
-  /// The motion that the compared descriptors speak for, if any; whether to believe it is the caller's
-  /// choice.
+  /// The motion that the descriptors speak for, if any; whether to believe it is the caller's choice. Some 30
+  /// million instructions.
   std::optional<ViewMatch> match(const Keyframe& a, const Keyframe& b, Random random);
 
  private:
@@ -56,6 +51,7 @@ class ViewMatcher {
     Vec3 p_a, p_b;
     std::uint8_t octave = 0;  // in a
   };
+  void compare(const Keyframe& a, const Keyframe& b);
   void collect_pairs(const Keyframe& a, const Keyframe& b);
   std::optional<Pose> sample_motion(Random& random, int& agreeing) const;
   bool agrees(const Pair& pair, const Pose& T_a_b) const;
@@ -73,7 +69,6 @@ class ViewMatcher {
   int levels_;
   std::array<double, 256> scales_{};
   std::span<Best> best_of_a_, best_of_b_;
-  std::size_t compared_ = 0;
   ArenaVector<Pair> pairs_;
   ArenaVector<std::uint16_t> order_;  // of a keyframe's features, as the step at work needs them
   ArenaVector<PoseObservation> observations_;

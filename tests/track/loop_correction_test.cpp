@@ -51,9 +51,8 @@ class LoopCorrectionTest : public testing::Test {
     return edge;
   }
   std::optional<Pose> correct(const LoopEdge& edge, std::uint32_t segment_begin = 0) {
-    if (!correction.begin(map, edge, segment_begin)) return std::nullopt;
-    while (correction.step()) {
-    }
+    if (!correction.prepare(map, edge, segment_begin)) return std::nullopt;
+    correction.solve();
     return correction.apply(map);
   }
   /// How far the newest keyframe is from where it should be, as seen from keyframe `from`.
@@ -146,13 +145,12 @@ TEST_F(LoopCorrectionTest, PointsThatTwoKeyframesShareHoldThemTogether) {
 TEST_F(LoopCorrectionTest, TheMapMayGrowMeanwhile) {
   walk(30, kDrift);  // full: the next keyframe takes a slot
   const LoopEdge edge = loop(map.keyframes()[24], map.keyframes()[0], inverse(truth(24)) * truth(0));
-  ASSERT_TRUE(correction.begin(map, edge));
+  ASSERT_TRUE(correction.prepare(map, edge));
   const Pose T_new{{}, {7, 8, 9}};
   const Keyframe& added = add(T_new, 30);
   const PointRef new_point = added.features[0].point;
   const Vec3 p = map.find(new_point)->p_odom;
-  while (correction.step()) {
-  }
+  correction.solve();
   ASSERT_TRUE(correction.apply(map));
   EXPECT_EQ(norm(added.T_odom_camera.t - T_new.t), 0) << "newer than the newest of the graph";
   EXPECT_LT(norm(map.find(new_point)->p_odom - p), 1e-9);
@@ -162,7 +160,7 @@ TEST_F(LoopCorrectionTest, AnEndThatHasLeftTheMapIsNoLoop) {
   walk(5, {});
   LoopEdge edge = loop(map.keyframes()[4], map.keyframes()[0], inverse(truth(4)) * truth(0));
   edge.keyframe_b = 77;
-  EXPECT_FALSE(correction.begin(map, edge));
+  EXPECT_FALSE(correction.prepare(map, edge));
   EXPECT_FALSE(correct(edge));
 }
 

@@ -190,21 +190,6 @@ TEST(PoseGraph, TwoHundredNodesTakeFewSteps) {
   EXPECT_LT(walk.rmse_m(), 0.5 * drift);
 }
 
-TEST(PoseGraph, SlicesGiveWhatOneGoGives) {
-  Walk at_once(50, 2), sliced(50, 2);
-  for (Walk* walk : {&at_once, &sliced}) walk->add_loop(1, 49);
-  const PoseGraphResult result = at_once.graph.solve();
-  sliced.graph.begin();
-  int steps = 1;
-  while (sliced.graph.step()) ++steps;
-  EXPECT_EQ(steps, result.steps);
-  for (std::uint32_t i = 0; i < 50; ++i) {
-    EXPECT_EQ(sliced.graph.pose(i).R.m, at_once.graph.pose(i).R.m);
-    EXPECT_EQ(norm(sliced.graph.pose(i).t - at_once.graph.pose(i).t), 0);
-  }
-  EXPECT_FALSE(sliced.graph.step()) << "done is done";
-}
-
 TEST(PoseGraph, AJoinedSegmentFollowsItsOneLoop) {
   // Nodes 3 to 5 were tracked after a loss, from a wrong start; one loop ties them to node 1.
   Arena arena(std::size_t{1} << 20);

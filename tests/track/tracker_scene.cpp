@@ -32,6 +32,7 @@ Tracked TrackerScene::step(int index, const Change& change) {
   const FrameSlot slot = scene.slot(static_cast<std::uint64_t>(index));
   const Tracked tracked{tracker.track(slot, mask), scene.truth.T_world_camera};
   tracker.adjustment().work();
+  tracker.loops().work();
   EXPECT_TRUE(all_finite(tracked.result)) << "frame " << index;
   EXPECT_EQ(tracked.result.sequence, static_cast<std::uint64_t>(index));
   EXPECT_EQ(tracked.result.stamp_ns, scene.truth.stamp_ns);

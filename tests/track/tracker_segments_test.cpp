@@ -31,6 +31,7 @@ class TrackerSegments : public testing::Test {
     ++sequence_;
     const test::Tracked tracked{tracker_.track(slot, scene.mask()), scene.truth.T_world_camera};
     tracker_.adjustment().work();
+    tracker_.loops().work();
     EXPECT_TRUE(test::all_finite(tracked.result)) << sequence_;
     return tracked;
   }
