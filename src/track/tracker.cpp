@@ -16,6 +16,7 @@ constexpr std::size_t kFeatureCapacity = Keyframe::kMaxFeatures;
 constexpr SearchWindow kAroundPrediction{.radius_px = 16, .max_distance = 70, .depth_share = 0.15};
 constexpr SearchWindow kWide{.radius_px = 48, .max_distance = 60, .depth_share = 0.25};
 constexpr SearchWindow kAroundSolution{.radius_px = 5, .max_distance = 80, .depth_share = 0.08};
+constexpr std::uint64_t kMoment = 30;        // frames
 constexpr int kSurely = 100;                 // inliers that no wrong pose has
 constexpr int kPoor = 80;                    // fewer, after a frame with thrice as many: perhaps a wrong one
 constexpr int kFewestToStart = 100;          // points of the first keyframe
@@ -39,6 +40,7 @@ Tracker::Tracker(Arena& arena, const Config& config)
     : config_(config),
       T_base_camera_(mount_of(config)),
       extractor_(arena, config.track, config.camera),
+      alignment_(arena, config.camera),
       frame_(arena, kFeatureCapacity),
       grid_(arena, kFeatureCapacity, config.camera),
       map_(arena, static_cast<std::size_t>(config.track.keyframes),
@@ -101,6 +103,7 @@ const TrackingResult& Tracker::track(const FrameSlot& slot, const DynamicMask& m
   result_.is_keyframe = false;
   result_.inliers = result_.matches = 0;
 
+  alignment_.take(slot.grey);
   extractor_.extract(slot.grey, frame_);
   result_.features = static_cast<int>(frame_.features.size());
   const Pose T_depth_colour = inverse(predict(slot.depth_ns)) * predicted;
@@ -132,10 +135,12 @@ const TrackingResult& Tracker::track(const FrameSlot& slot, const DynamicMask& m
       if (wants_keyframe()) insert_keyframe(slot);
     }
     close_loops(slot.sequence);
+    alignment_.remember(slot.depth, mask);
     motion_.remember(frame_, slot.colour_ns, result_.T_odom_camera);
     // Only with a pose: later frames are compared by the motion between.
     semi_static_.remember(frame_, matches());
   } else {
+    alignment_.forget();
     motion_.clear();
     history_size_ = std::min(history_size_, 1);
   }
@@ -169,6 +174,15 @@ void Tracker::start_segment(const FrameSlot& slot) {
   start_map(slot);
 }
 
+/// What the motion model predicts, mended by what small pictures show.
+Pose Tracker::aligned(const FrameSlot& slot, const Pose& T_odom_camera_predicted) const {
+  if (history_size_ == 0) return T_odom_camera_predicted;
+  const PosedStamp& before = history_[0];
+  PosePrior prior = motion_prior(T_odom_camera_predicted, to_seconds(slot.colour_ns - before.stamp_ns));
+  prior.T_camera_world = prior.T_camera_world * before.T_odom_camera;
+  return before.T_odom_camera * inverse(alignment_.align(prior));
+}
+
 bool Tracker::localize(const FrameSlot& slot, const Pose& T_odom_camera_predicted) {
   const bool was_lost = result_.state == TrackState::Lost;
   prior_.reset();
@@ -177,7 +191,7 @@ bool Tracker::localize(const FrameSlot& slot, const Pose& T_odom_camera_predicte
   if (!was_lost) {
     if (history_size_ == 2)
       prior_ = motion_prior(T_odom_camera_predicted, to_seconds(slot.colour_ns - history_[0].stamp_ns));
-    found = follow(T_odom_camera_predicted);
+    found = follow(slot, T_odom_camera_predicted);
     if (!found && prior_) {
       // What there is corrects the motion model instead of replacing it.
       lost_by_looking_ = true;
@@ -196,16 +210,20 @@ bool Tracker::localize(const FrameSlot& slot, const Pose& T_odom_camera_predicte
   return match_and_solve(kAroundSolution, result_.T_odom_camera);
 }
 
-bool Tracker::follow(const Pose& T_odom_camera_predicted) {
+bool Tracker::follow(const FrameSlot& slot, const Pose& T_odom_camera_predicted) {
   matcher_.project(map_, inverse(T_odom_camera_predicted));
   bool found = match_and_solve(kAroundPrediction, T_odom_camera_predicted);
   if (found && estimate_.inliers >= std::min(kPoor, inliers_before_ / 3)) return true;
   // A few wrong matches around a wrong prediction agree now and then. What is poor gives way to what is sure:
-  // from a wider look, or from one around where the camera was.
+  // around where the picture as a whole says that the camera is, or from a wider look there.
   Pose poor = found ? result_.T_odom_camera : T_odom_camera_predicted;
-  for (const Pose& from : {T_odom_camera_predicted, history_[0].T_odom_camera}) {
-    matcher_.project(map_, inverse(from));
-    if (!match_and_solve(kWide, from)) continue;
+  const Pose from = aligned(slot, T_odom_camera_predicted);
+  matcher_.project(map_, inverse(from));
+  // The wider look is for what was in view a moment ago: all points would take several times as long.
+  SearchWindow wide = kWide;
+  wide.found_since = result_.sequence - std::min(result_.sequence, kMoment);
+  for (const SearchWindow& window : {kAroundPrediction, wide}) {
+    if (!match_and_solve(window, from)) continue;
     if (estimate_.inliers >= kSurely) return true;
     if (!found) poor = result_.T_odom_camera;
     found = true;

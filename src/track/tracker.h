@@ -15,6 +15,7 @@
 #include "track/depth_sampling.h"
 #include "track/feature_extractor.h"
 #include "track/feature_grid.h"
+#include "track/frame_alignment.h"
 #include "track/local_adjustment.h"
 #include "track/local_map.h"
 #include "track/loop_closing.h"
@@ -69,8 +70,9 @@ class Tracker {
  private:
   void start_map(const FrameSlot& slot);
   void start_segment(const FrameSlot& slot);
+  Pose aligned(const FrameSlot& slot, const Pose& T_odom_camera_predicted) const;
   bool localize(const FrameSlot& slot, const Pose& T_odom_camera_predicted);
-  bool follow(const Pose& T_odom_camera_predicted);
+  bool follow(const FrameSlot& slot, const Pose& T_odom_camera_predicted);
   bool match_and_solve(const SearchWindow& window, const Pose& T_odom_camera);
   bool relocalize();
   void label_features(const DynamicMask& mask);
@@ -90,6 +92,7 @@ class Tracker {
   Config config_;
   Pose T_base_camera_;
   FeatureExtractor extractor_;
+  FrameAlignment alignment_;
   FrameFeatures frame_;
   FeatureGrid grid_;
   LocalMap map_;
