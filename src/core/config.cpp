@@ -72,6 +72,8 @@ std::vector<Key> describe(Config& c) {
       {"camera.depth_max_m", &c.camera.depth_max_m, "m", "farther readings are not trusted", 0.1, 60},
       {"camera.depth_noise_m_at_1m", &c.camera.depth_noise_m_at_1m, "m",
        "depth noise (1 sigma) at 1 m; grows with depth^2", 1e-5, 1},
+      {"camera.stamp_sigma_s", &c.camera.stamp_sigma_s, "s",
+       "how far (1 sigma) exposure may be from the colour stamp: rolling shutter, clock", 0, 0.2},
       {"camera.fps", &c.mount.fps, "Hz", "frame rate", 1, 240},
       {"camera.T_base_camera", &c.mount.T_base_camera, "m",
        "camera in the robot's base: x, y, z, qx, qy, qz, qw", -100, 100},

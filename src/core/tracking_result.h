@@ -32,7 +32,8 @@ struct TrackingResult {
   bool is_keyframe = false;
   int features = 0, matches = 0, inliers = 0;
   double rms_px = 0;  ///< root mean square reprojection error of the inliers, at full resolution
-  /// Covariance of (rotation in rad, translation in m), left-multiplied in the camera frame, row-major.
+  /// Of T_odom_camera's inverse: (rotation in rad, translation in m), left-multiplied in the camera frame,
+  /// row-major; what 90 % of the errors over one second lie within.
   std::array<double, 36> covariance{};
   LabelCounts labels;
 

@@ -182,7 +182,10 @@ std::string make_report(const RunContext& context, const ReportFacts& facts) {
   report["stream"] = {{"clients_peak", stream.clients_peak},
                       {"bytes_sent", stream.bytes_sent},
                       {"messages_dropped", stream.messages_dropped}};
-  if (facts.accuracy) report["accuracy"] = accuracy_part(*facts.accuracy);
+  if (facts.accuracy) {
+    report["accuracy"] = accuracy_part(*facts.accuracy);
+    report["accuracy"]["share_in_90_percent_ellipsoid_1s"] = facts.share_in_ellipsoid;
+  }
   // A path that is no UTF-8 must not cost the report.
   return report.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
 }

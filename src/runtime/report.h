@@ -16,6 +16,7 @@ struct ReportFacts {
   Nanoseconds process_start_ns = 0, run_start_ns = 0, run_end_ns = 0;
   double cpu_s = 0;
   std::optional<Accuracy> accuracy;
+  double share_in_ellipsoid = 0;  ///< as eval/consistency.h has it; with `accuracy` only
 };
 
 /// The run as JSON with the keys of the project's contract (docs/report.md). After the run.

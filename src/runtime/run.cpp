@@ -6,6 +6,7 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <array>
 #include <csignal>
 #include <ctime>
 #include <optional>
@@ -14,6 +15,7 @@
 
 #include "detect/model_file.h"
 #include "eval/accuracy.h"
+#include "eval/consistency.h"
 #include "map/map_file.h"
 #include "map/ply.h"
 #include "runtime/checkpoint.h"
@@ -173,8 +175,14 @@ Status write_outputs(const RunContext& context, ReportFacts& facts,
                                   : write_ply(map.blocks(), map.voxel_m(), o.map, timeout_ns));
   }
   if (results && !groundtruth.empty()) {
-    const Result<Accuracy> accuracy = evaluate(groundtruth, first_pass(context, stamps), stamps);
-    if (accuracy.ok()) facts.accuracy = accuracy.value();
+    const std::span<const StampedPose> poses = first_pass(context, stamps);
+    const Result<Accuracy> accuracy = evaluate(groundtruth, poses, stamps);
+    if (accuracy.ok()) {
+      facts.accuracy = accuracy.value();
+      const std::span<const std::array<double, 36>> covariances(context.track_log.covariances);
+      facts.share_in_ellipsoid = share_in_ellipsoid(
+          groundtruth, poses, covariances.first(std::min(poses.size(), covariances.size())));
+    }
     if (!accuracy.ok()) spdlog::warn("no accuracy: {}", accuracy.error().message);
   }
   if (!o.report.empty()) keep_first(write_text(o.report, make_report(context, facts)));
@@ -309,7 +317,8 @@ Status run(const RunOptions& asked) {
       .lockstep_delay = mode == RunMode::Lockstep ? options.detector.delay : 0,
       .recorder_frames = options.record.empty() ? 0 : RecordLane::frames_held(config.record.buffer_frames),
       .trajectory_poses = poses_to_keep(options, source.value().stamps.size()),
-      .final_trajectory = !options.trajectory_final.empty()};
+      .final_trajectory = !options.trajectory_final.empty(),
+      .groundtruth = !options.groundtruth.empty()};
   Arena planning;
   plan_memory(planning, config, parts);
   if (Status s = check_budget(planning, config); !s.ok()) return s;

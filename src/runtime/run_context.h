@@ -30,7 +30,7 @@ struct RunContext {
         detector(n),
         stages(s),
         stop(stopping),
-        track_log(s.trajectory),
+        track_log(s.trajectory, s.covariances),
         shedder(static_cast<Nanoseconds>(1e9 / c.mount.fps)),
         flight(s.flight, c.runtime.flight_recorder) {}
 

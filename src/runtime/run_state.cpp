@@ -28,6 +28,7 @@ void TrackLog::note(const TrackingResult& result, TrackState before, Nanoseconds
   C::bump(counters.latency_us, static_cast<std::uint64_t>(std::max<Nanoseconds>(now - due_ns, 0) / 1000));
   if (causal.capacity() > 0)
     static_cast<void>(causal.try_push_back({result.stamp_ns, result.T_map_camera()}));
+  if (covariances.capacity() > 0) static_cast<void>(covariances.try_push_back(result.covariance));
 }
 
 }  // namespace stillmap

@@ -62,9 +62,12 @@ struct RunCounters {
 
 /// What the track thread keeps of a run for its outputs. One thread until the run ends.
 struct TrackLog {
-  explicit TrackLog(std::span<StampedPose> room) : causal(room) {}
+  TrackLog(std::span<StampedPose> room, std::span<std::array<double, 36>> covariance_room)
+      : causal(room), covariances(covariance_room) {}
 
   ArenaVector<StampedPose> causal;  ///< each pose as first published, as far as there is room
+  ArenaVector<std::array<double, 36>>
+      covariances;  ///< of those poses, where ground truth is there to compare
   LatencyHistogram capture_to_pose, track_time;
   Nanoseconds first_pose_ns = 0;  ///< monotonic; 0 = none yet
 

@@ -26,6 +26,7 @@ struct Stages {
     int recorder_frames = 0;
     std::size_t trajectory_poses = 0;
     bool final_trajectory = false;
+    bool groundtruth = false;  ///< there will be one to compare with
 
     FrameBudget frames() const {
       return frame_budget({.detector = detector,
@@ -44,6 +45,8 @@ struct Stages {
             "flight_recorder",
             config.runtime.flight_recorder.empty() ? 0 : FlightRecorder::frames_for(config.mount.fps))),
         trajectory(arena.take<StampedPose>("trajectory", parts.trajectory_poses)),
+        covariances(arena.take<std::array<double, 36>>("trajectory.covariances",
+                                                       parts.groundtruth ? parts.trajectory_poses : 0)),
         final_trajectory(arena, parts.final_trajectory ? parts.trajectory_poses : 0) {
     if (parts.stream) stream.emplace(config, arena);
   }
@@ -53,7 +56,8 @@ struct Stages {
   TrackStage track;
   MapStage map;
   std::span<FlightFrame> flight;
-  std::span<StampedPose> trajectory;  ///< room for what the run's outputs tell of its poses
+  std::span<StampedPose> trajectory;              ///< room for what the run's outputs tell of its poses
+  std::span<std::array<double, 36>> covariances;  ///< beside `trajectory`
   FinalTrajectory final_trajectory;
   std::optional<StreamServer> stream;
 };

@@ -6,6 +6,7 @@
 
 #include "track/keyframe_file.h"
 #include "track/point_trust.h"
+#include "track/pose_covariance.h"
 
 namespace stillmap {
 
@@ -289,7 +290,12 @@ bool Tracker::relocalize() {
 void Tracker::judge() {
   result_.inliers = estimate_.inliers;
   result_.rms_px = estimate_.rms_px;
-  result_.covariance = estimate_.covariance;
+  CameraSpeed speed;
+  if (history_size_ > 0) {
+    speed = speed_between(history_[0].T_odom_camera, result_.T_odom_camera,
+                          to_seconds(result_.stamp_ns - history_[0].stamp_ns));
+  }
+  result_.covariance = honest_covariance(estimate_.covariance, speed, config_.camera.stamp_sigma_s);
   result_.state = estimate_.inliers >= config_.track.weak_inliers ? TrackState::Tracking : TrackState::Weak;
 }
 
