@@ -72,6 +72,10 @@ void blur(ImageView<float> image, std::span<float> line) {
   for (int x = 0; x < image.width; ++x) pass(image.height, image.data + x, image.stride);
 }
 
+double huber_cost(double size) {
+  return size > kHuber ? kHuber * (2 * size - kHuber) : size * size;
+}
+
 }  // namespace
 
 /// Of the brightness differences at one motion.
@@ -170,7 +174,7 @@ FrameAlignment::Equations FrameAlignment::equations_at(const Level& level, const
         (1 - c) * ((1 - a) * above[0] + a * above[1]) + c * ((1 - a) * below[0] + a * below[1]);
     const float r = seen - s.value - offset, size = std::abs(r);
     const float weight = size > kHuber ? kHuber / size : 1;
-    cost += size > kHuber ? kHuber * (2 * size - kHuber) : size * size;
+    cost += huber_cost(size);
     ++out.in_view;
     Vector7f J;
     J << s.jacobian[0], s.jacobian[1], s.jacobian[2], s.jacobian[3], s.jacobian[4], s.jacobian[5], 1;

@@ -18,6 +18,7 @@ constexpr SearchWindow kAroundPrediction{.radius_px = 16, .max_distance = 70, .d
 constexpr SearchWindow kWide{.radius_px = 48, .max_distance = 60, .depth_share = 0.25};
 constexpr SearchWindow kAroundSolution{.radius_px = 5, .max_distance = 80, .depth_share = 0.08};
 constexpr std::uint64_t kMoment = 30;        // frames
+constexpr double kShort_s = 0.1;             // a motion model says nothing of what is further ahead
 constexpr int kSurely = 100;                 // inliers that no wrong pose has
 constexpr int kPoor = 80;                    // fewer, after a frame with thrice as many: perhaps a wrong one
 constexpr int kFewestToStart = 100;          // points of the first keyframe
@@ -175,23 +176,14 @@ void Tracker::start_segment(const FrameSlot& slot) {
   start_map(slot);
 }
 
-/// What the motion model predicts, mended by what small pictures show.
-Pose Tracker::aligned(const FrameSlot& slot, const Pose& T_odom_camera_predicted) const {
-  if (history_size_ == 0) return T_odom_camera_predicted;
-  const PosedStamp& before = history_[0];
-  PosePrior prior = motion_prior(T_odom_camera_predicted, to_seconds(slot.colour_ns - before.stamp_ns));
-  prior.T_camera_world = prior.T_camera_world * before.T_odom_camera;
-  return before.T_odom_camera * inverse(alignment_.align(prior));
-}
-
 bool Tracker::localize(const FrameSlot& slot, const Pose& T_odom_camera_predicted) {
   const bool was_lost = result_.state == TrackState::Lost;
   prior_.reset();
   lost_by_looking_ = false;
   bool found = false;
   if (!was_lost) {
-    if (history_size_ == 2)
-      prior_ = motion_prior(T_odom_camera_predicted, to_seconds(slot.colour_ns - history_[0].stamp_ns));
+    const double seconds = seconds_since_pose(slot);
+    if (history_size_ == 2 && seconds <= kShort_s) prior_ = motion_prior(T_odom_camera_predicted, seconds);
     found = follow(slot, T_odom_camera_predicted);
     if (!found && prior_) {
       // What there is corrects the motion model instead of replacing it.
@@ -213,24 +205,38 @@ bool Tracker::localize(const FrameSlot& slot, const Pose& T_odom_camera_predicte
 
 bool Tracker::follow(const FrameSlot& slot, const Pose& T_odom_camera_predicted) {
   matcher_.project(map_, inverse(T_odom_camera_predicted));
-  bool found = match_and_solve(kAroundPrediction, T_odom_camera_predicted);
+  const bool found = match_and_solve(kAroundPrediction, T_odom_camera_predicted);
   if (found && estimate_.inliers >= std::min(kPoor, inliers_before_ / 3)) return true;
-  // A few wrong matches around a wrong prediction agree now and then. What is poor gives way to what is sure:
-  // around where the picture as a whole says that the camera is, or from a wider look there.
-  Pose poor = found ? result_.T_odom_camera : T_odom_camera_predicted;
-  const Pose from = aligned(slot, T_odom_camera_predicted);
-  matcher_.project(map_, inverse(from));
-  // The wider look is for what was in view a moment ago: all points would take several times as long.
+  // A few wrong matches around a wrong prediction agree now and then. What is poor gives way to what is sure,
+  // and else to what most speaks for.
+  int most = found ? estimate_.inliers : 0;
+  Pose best = found ? result_.T_odom_camera : T_odom_camera_predicted;
+  const auto sure = [&](const SearchWindow& window, const Pose& from) {
+    matcher_.project(map_, inverse(from));
+    if (!match_and_solve(window, from)) return false;
+    if (estimate_.inliers > most) {
+      most = estimate_.inliers;
+      best = result_.T_odom_camera;
+    }
+    return estimate_.inliers >= kSurely;
+  };
+  // Around where the picture as a whole says that the camera is.
+  const Pose before = history_[0].T_odom_camera;
+  PosePrior motion = motion_prior(T_odom_camera_predicted, seconds_since_pose(slot));
+  motion.T_camera_world = motion.T_camera_world * before;
+  if (sure(kAroundPrediction, before * inverse(alignment_.align(motion)))) return true;
+  // Wider, for what was in view a moment ago: all points would take several times as long.
   SearchWindow wide = kWide;
   wide.found_since = result_.sequence - std::min(result_.sequence, kMoment);
-  for (const SearchWindow& window : {kAroundPrediction, wide}) {
-    if (!match_and_solve(window, from)) continue;
-    if (estimate_.inliers >= kSurely) return true;
-    if (!found) poor = result_.T_odom_camera;
-    found = true;
+  if (sure(wide, T_odom_camera_predicted)) return true;
+  // Wherever it may be, after a step of which no motion model knows.
+  if (seconds_since_pose(slot) > kShort_s) {
+    relocalizer_.take(frame_);
+    const std::optional<Pose> T_camera_odom = find_by(*map_.newest_keyframe());
+    if (T_camera_odom && sure(kAroundPrediction, inverse(*T_camera_odom))) return true;
   }
-  matcher_.project(map_, inverse(poor));
-  return found && match_and_solve(kAroundPrediction, poor);
+  matcher_.project(map_, inverse(best));
+  return most > 0 && match_and_solve(kAroundPrediction, best);
 }
 
 bool Tracker::match_and_solve(const SearchWindow& window, const Pose& T_odom_camera) {
@@ -268,10 +274,14 @@ bool Tracker::match_and_solve(const SearchWindow& window, const Pose& T_odom_cam
   return true;
 }
 
+std::optional<Pose> Tracker::find_by(const Keyframe& keyframe) {
+  return relocalizer_.find_by(keyframe, random_for(result_.sequence + keyframe.id));
+}
+
 bool Tracker::relocalize() {
+  relocalizer_.take(frame_);
   const auto found_by = [&](const Keyframe& keyframe) {
-    const std::optional<Pose> T_camera_odom = relocalizer_.relocalize(
-        map_, keyframe, frame_, extractor_, random_for(result_.sequence + keyframe.id));
+    const std::optional<Pose> T_camera_odom = find_by(keyframe);
     if (!T_camera_odom) return false;
     matcher_.project(map_, *T_camera_odom);
     return match_and_solve(kAroundPrediction, inverse(*T_camera_odom));

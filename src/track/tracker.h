@@ -70,11 +70,14 @@ class Tracker {
  private:
   void start_map(const FrameSlot& slot);
   void start_segment(const FrameSlot& slot);
-  Pose aligned(const FrameSlot& slot, const Pose& T_odom_camera_predicted) const;
   bool localize(const FrameSlot& slot, const Pose& T_odom_camera_predicted);
   bool follow(const FrameSlot& slot, const Pose& T_odom_camera_predicted);
   bool match_and_solve(const SearchWindow& window, const Pose& T_odom_camera);
   bool relocalize();
+  std::optional<Pose> find_by(const Keyframe& keyframe);
+  double seconds_since_pose(const FrameSlot& slot) const {
+    return to_seconds(slot.colour_ns - history_[0].stamp_ns);
+  }
   void label_features(const DynamicMask& mask);
   void take_adjustment();
   void close_loops(std::uint64_t sequence);

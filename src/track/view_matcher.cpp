@@ -8,7 +8,7 @@
 #include <cmath>
 #include <utility>
 
-#include "track/relocalizer.h"
+#include "track/absolute_orientation.h"
 
 namespace stillmap {
 
