@@ -128,6 +128,9 @@ std::vector<Key> describe(Config& c) {
       {"classes.dynamic", &c.classes.dynamic, "", "classes that move by themselves"},
       {"classes.semi_static", &c.classes.semi_static, "", "classes that are moved now and then"},
       {"classes.static", &c.classes.pure_static, "", "classes that stay"},
+      {"track.without", &c.track.without, "",
+       "parts left out, to measure what they are worth: carried_boxes, motion_check, point_trust, alignment, "
+       "adjustment, loops"},
       {"track.dynamic_rule", &c.track.dynamic_rule, "", "\"silhouette\", \"paper\" or \"off\""},
       {"track.features", &c.track.features, "", "corners per frame", 100, 1200},
       {"track.levels", &c.track.levels, "", "pyramid levels", 1, 8},
@@ -464,6 +467,11 @@ Status check_whole(const Config& c) {
     return wrong("record.colour = \"" + c.record.colour + "\" must be \"jpeg\" or \"png\"");
   }
   if (Status s = check_detector(c.detector); !s.ok()) return s;
+  for (const std::string& part : c.track.without) {
+    if (std::ranges::find(kTrackParts, part) == kTrackParts.end())
+      return wrong("track.without: \"" + part + "\" is none of " +
+                   list_text(std::vector<std::string>(kTrackParts.begin(), kTrackParts.end()), quoted));
+  }
   if (c.track.weak_inliers < c.track.min_inliers) {
     return wrong("track.weak_inliers = " + std::to_string(c.track.weak_inliers) +
                  " must not be less than track.min_inliers = " + std::to_string(c.track.min_inliers));

@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "core/camera.h"
@@ -13,6 +15,10 @@
 #include "core/status.h"
 
 namespace stillmap {
+
+/// Parts of tracking that can be left out, to measure what each is worth.
+inline constexpr std::array<std::string_view, 6> kTrackParts{"carried_boxes", "motion_check", "point_trust",
+                                                             "alignment",     "adjustment",   "loops"};
 
 /// Every setting of the runtime, in one struct with defaults. The names, units, ranges and help of the keys
 /// stand in one place, `describe()` in config.cpp. Written once at start, read-only after it.
@@ -70,6 +76,10 @@ struct Config {
     std::vector<std::string> dynamic, semi_static, pure_static;
   } classes;
   struct Track {
+    /// Names of `kTrackParts`.
+    std::vector<std::string> without;
+    bool has(std::string_view part) const { return std::ranges::find(without, part) == without.end(); }
+
     DynamicRule dynamic_rule = DynamicRule::Silhouette;
     int features = 1000;
     int levels = 8;

@@ -7,6 +7,7 @@ namespace stillmap {
 
 TrackStage::TrackStage(Arena& arena, const Config& config)
     : config_(config),
+      carries_boxes_(config.track.has("carried_boxes")),
       tracker_(arena, config),
       copier_(arena),
       carrier_(config.camera, static_cast<Nanoseconds>(config.detector.max_age_ms) * 1'000'000) {}
@@ -30,6 +31,7 @@ const TrackingResult& TrackStage::step(const FrameSlot& frame) {
   boxes_are_its_own_ = has_pending_ && pending_.sequence == frame.sequence;
   if (boxes_are_its_own_) carrier_.update(pending_, predicted);
   has_pending_ = false;
+  if (!carries_boxes_ && !boxes_are_its_own_) carrier_.clear();
   carrier_.carry(frame.colour_ns, predicted, carried_);
   carried_.sequence = frame.sequence;
   segment(carried_, frame.depth, config_.camera, config_.track.dynamic_rule, mask_);

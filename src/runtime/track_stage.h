@@ -65,6 +65,7 @@ class TrackStage {
   const Pose* pose_of(std::uint64_t sequence) const;
 
   Config config_;
+  bool carries_boxes_;  // or else only a frame's own are used (track.without)
   Tracker tracker_;
   KeyframeCopier copier_;
   BoxCarrier carrier_;

@@ -40,6 +40,12 @@ Pose mount_of(const Config& config) {
 
 Tracker::Tracker(Arena& arena, const Config& config)
     : config_(config),
+      weighs_trust_(config.track.dynamic_rule == DynamicRule::Silhouette && config.track.has("point_trust")),
+      checks_motion_(config.track.dynamic_rule == DynamicRule::Silhouette &&
+                     config.track.has("motion_check")),
+      aligns_(config.track.has("alignment")),
+      adjusts_(config.track.has("adjustment")),
+      closes_loops_(config.track.has("loops")),
       T_base_camera_(mount_of(config)),
       extractor_(arena, config.track, config.camera),
       alignment_(arena, config.camera),
@@ -130,7 +136,7 @@ const TrackingResult& Tracker::track(const FrameSlot& slot, const DynamicMask& m
     history_size_ = std::min(history_size_ + 1, 2);
     inliers_before_ = result_.inliers;
     if (!result_.is_keyframe) {
-      if (config_.track.dynamic_rule == DynamicRule::Silhouette)
+      if (checks_motion_)
         motion_.relabel(frame_, matches(), slot.colour_ns, result_.T_odom_camera, extractor_);
       builder_.refine_points(map_, posed(slot), extractor_);
       matcher_.count_visible(map_, slot.depth);
@@ -220,11 +226,13 @@ bool Tracker::follow(const FrameSlot& slot, const Pose& T_odom_camera_predicted)
     }
     return estimate_.inliers >= kSurely;
   };
-  // Around where the picture as a whole says that the camera is.
-  const Pose before = history_[0].T_odom_camera;
-  PosePrior motion = motion_prior(T_odom_camera_predicted, seconds_since_pose(slot));
-  motion.T_camera_world = motion.T_camera_world * before;
-  if (sure(kAroundPrediction, before * inverse(alignment_.align(motion)))) return true;
+  if (aligns_) {
+    // Around where the picture as a whole says that the camera is.
+    const Pose before = history_[0].T_odom_camera;
+    PosePrior motion = motion_prior(T_odom_camera_predicted, seconds_since_pose(slot));
+    motion.T_camera_world = motion.T_camera_world * before;
+    if (sure(kAroundPrediction, before * inverse(alignment_.align(motion)))) return true;
+  }
   // Wider, for what was in view a moment ago: all points would take several times as long.
   SearchWindow wide = kWide;
   wide.found_since = result_.sequence - std::min(result_.sequence, kMoment);
@@ -241,7 +249,7 @@ bool Tracker::follow(const FrameSlot& slot, const Pose& T_odom_camera_predicted)
 
 bool Tracker::match_and_solve(const SearchWindow& window, const Pose& T_odom_camera) {
   SearchWindow search = window;
-  search.any_label = config_.track.dynamic_rule == DynamicRule::Silhouette;
+  search.any_label = weighs_trust_;
   result_.matches = matcher_.match(map_, frame_, grid_, search, extractor_, matches());
   observations_.clear();
   for (std::size_t i = 0; i < frame_.features.size(); ++i) {
@@ -256,8 +264,7 @@ bool Tracker::match_and_solve(const SearchWindow& window, const Pose& T_odom_cam
       const double sensor = config_.camera.depth_sigma_m(f.depth_m);
       o.sigma_depth_m = std::sqrt(sensor * sensor + variance_along(point, axis));
     }
-    if (config_.track.dynamic_rule == DynamicRule::Silhouette)
-      o.weight = trust_in(point, f.label, result_.stamp_ns);
+    if (weighs_trust_) o.weight = trust_in(point, f.label, result_.stamp_ns);
     observed_feature_[observations_.size()] = static_cast<std::uint16_t>(i);
     static_cast<void>(observations_.try_push_back(o));
   }
@@ -321,14 +328,14 @@ void Tracker::insert_keyframe(const FrameSlot& slot) {
   builder_.cull_points(map_);
   const Keyframe& keyframe = builder_.insert_keyframe(map_, posed(slot), extractor_);
   note_place(keyframe);
-  loops_.ask(map_, static_cast<std::size_t>(&keyframe - map_.keyframes().data()), places_);
+  if (closes_loops_) loops_.ask(map_, static_cast<std::size_t>(&keyframe - map_.keyframes().data()), places_);
   T_odom_keyframe_ = keyframe.T_odom_camera;
   keyframe_points_ = keyframe.tracked_points;
   keyframe_ns_ = keyframe.stamp_ns;
   result_.reference_keyframe = keyframe.id;
   result_.is_keyframe = true;
   // What few points hold is better left where the motion model put it.
-  if (result_.state == TrackState::Tracking) adjustment_.offer(map_, extractor_);
+  if (adjusts_ && result_.state == TrackState::Tracking) adjustment_.offer(map_, extractor_);
 }
 
 void Tracker::close_loops(std::uint64_t sequence) {

@@ -93,6 +93,8 @@ class Tracker {
   std::span<FeatureMatch> matches() { return matches_.first(frame_.features.size()); }
 
   Config config_;
+  /// What is not left out (track.without).
+  bool weighs_trust_, checks_motion_, aligns_, adjusts_, closes_loops_;
   Pose T_base_camera_;
   FeatureExtractor extractor_;
   FrameAlignment alignment_;

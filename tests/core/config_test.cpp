@@ -144,6 +144,8 @@ TEST_F(ConfigFiles, ValuesThatDoNotGoTogetherAreRefused) {
   EXPECT_THAT(error({}, {"detector.sha256=" + std::string(64, 'G')}),
               HasSubstr("64 lower-case hexadecimal digits"));
   EXPECT_EQ(config({}, {"detector.sha256=" + std::string(64, 'a')}).detector.sha256, std::string(64, 'a'));
+  EXPECT_THAT(error({}, {"track.without=[\"loops\", \"luck\"]"}),
+              HasSubstr("track.without: \"luck\" is none of [\"carried_boxes\""));
   EXPECT_THAT(error({}, {"track.weak_inliers=10"}),
               HasSubstr("must not be less than track.min_inliers = 20"));
   EXPECT_THAT(error({}, {"classes.static=[\"person\"]"}), HasSubstr("'person' is listed twice"));
