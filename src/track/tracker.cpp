@@ -7,6 +7,7 @@
 #include "track/keyframe_file.h"
 #include "track/point_trust.h"
 #include "track/pose_covariance.h"
+#include "track/rolling_shutter.h"
 
 namespace stillmap {
 
@@ -117,6 +118,10 @@ const TrackingResult& Tracker::track(const FrameSlot& slot, const DynamicMask& m
   const Pose T_depth_colour = inverse(predict(slot.depth_ns)) * predicted;
   sample_depth(slot.depth, config_.camera, T_depth_colour, frame_.features);
   label_features(mask);
+  if (config_.camera.readout_s != 0) {
+    const Pose read_out = predict(slot.colour_ns + static_cast<Nanoseconds>(1e9 * config_.camera.readout_s));
+    straighten_rows(config_.camera, log_so3((inverse(predicted) * read_out).R), frame_.features);
+  }
   grid_.build(frame_.features);
   std::fill(matches_.begin(), matches_.end(), FeatureMatch{});
 

@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "track/rolling_shutter.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+namespace stillmap {
+namespace {
+
+CameraModel kinect() {
+  CameraModel camera;
+  camera.width = 640;
+  camera.height = 480;
+  camera.fx = camera.fy = 517;
+  camera.cx = 318.6;
+  camera.cy = 255.3;
+  camera.k1 = 0.26;
+  camera.k2 = -0.95;
+  camera.k3 = 1.16;
+  return camera;
+}
+
+/// What a camera that turns by `turn_rad` from its first row's exposure to its last one's sees of a point.
+Feature exposed(const CameraModel& camera, Vec3 turn_rad, Vec3 p) {
+  Vec3 seen = p;
+  Vec2 pixel = camera.project(seen);
+  for (int i = 0; i < 30; ++i) {  // the row says when, and when says the row
+    seen = transposed(exp_so3((pixel.y / camera.height - 0.5) * turn_rad)) * p;
+    pixel = camera.project(seen);
+  }
+  Feature f;
+  f.x = static_cast<float>(pixel.x);
+  f.y = static_cast<float>(pixel.y);
+  f.ray_x = static_cast<float>(seen.x / seen.z);
+  f.ray_y = static_cast<float>(seen.y / seen.z);
+  f.depth_m = static_cast<float>(seen.z);
+  return f;
+}
+
+TEST(RollingShutter, WhatATurningCameraSawIsWhereAStandingOneSeesIt) {
+  const CameraModel camera = kinect();
+  const Vec3 turn{0.05, -0.03, 0.04};
+  double furthest = 0;
+  for (const Vec3 p : {Vec3{-0.9, -0.7, 2}, Vec3{0.8, 0.6, 2}, Vec3{0.1, -0.5, 1.5}, Vec3{-0.2, 1.1, 3}}) {
+    Feature f = exposed(camera, turn, p);
+    const Vec2 still = camera.project(p);
+    furthest = std::max(furthest, std::hypot(f.x - still.x, f.y - still.y));
+    straighten_rows(camera, turn, {&f, 1});
+    EXPECT_NEAR(f.x, still.x, 0.02);
+    EXPECT_NEAR(f.y, still.y, 0.02);
+    EXPECT_NEAR(f.ray_x, p.x / p.z, 1e-5);
+    EXPECT_NEAR(f.ray_y, p.y / p.z, 1e-5);
+    EXPECT_NEAR(f.depth_m, p.z, 1e-5);
+  }
+  EXPECT_GT(furthest, 10);  // px: there was something to mend
+}
+
+TEST(RollingShutter, ACameraThatStandsSeesNoDifference) {
+  const CameraModel camera = kinect();
+  Feature f = exposed(camera, {}, {0.8, 0.6, 2});
+  const Feature before = f;
+  straighten_rows(camera, {}, {&f, 1});
+  EXPECT_NEAR(f.x, before.x, 1e-3);
+  EXPECT_NEAR(f.ray_y, before.ray_y, 1e-6);
+  EXPECT_FLOAT_EQ(f.depth_m, before.depth_m);
+}
+
+}  // namespace
+}  // namespace stillmap
