@@ -32,7 +32,7 @@ class Stream(ProgramTest):
 
     def wait_for(self, url, good):
         """The first text that is good; a run that has just begun says 503."""
-        for _ in range(400):
+        for _ in range(1200):
             try:
                 kind, text = self.get(url)
                 if good(text):

@@ -129,9 +129,8 @@ TEST(Lockstep, EndsWhenAsked) {
   std::thread run([&] { run_lockstep(*pipeline.context); });
   while (pipeline.context->counters.processed.load() < 3) std::this_thread::yield();
   pipeline.stop.store(true);
-  const Nanoseconds begin = monotonic_now();
   run.join();
-  EXPECT_LT(to_seconds(monotonic_now() - begin), 2);
+  EXPECT_LT(pipeline.context->counters.processed.load(), 1000u);
   EXPECT_TRUE(run_outcome(*pipeline.context).ok());
   pipeline.expect_accounted();
 }

@@ -164,7 +164,8 @@ TEST(StageFaults, CaptureNeverStarvesWhileTheDiskStallsAndEveryStageHoldsAllItMa
   gate.hold(Stage::Map);
   running.wait_for_frames(c.processed.load() + 8);
   gate.hold(Stage::Track);
-  wait_until([&] { return c.record_left_out.load() >= 30; });  // the disk's buffer is full, too
+  // The disk's buffer is full, too.
+  wait_until([&] { return c.record_left_out.load() >= 30 && c.recorded.load() >= 5; });
   EXPECT_EQ(pipeline.dropped(DropReason::NoFreeSlot), 0u);
   EXPECT_EQ(c.recorded.load(), 5u);
   gate.release_all();

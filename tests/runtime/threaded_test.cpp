@@ -170,7 +170,7 @@ TEST(Threads, FastStopsWithinTwoSecondsAndCountsWhatWasOffered) {
 }
 
 TEST(Threads, CaptureNeverStarvesWhileEveryConsumerHoldsAllItMay) {
-  std::vector<Grab> grabs = wall_frames(400);
+  std::vector<Grab> grabs = wall_frames(100'000);
   for (Grab& g : grabs) g.takes_ns = 2 * kMillisecond;
   auto driver = wall_driver(false, grabs);
   Pipeline pipeline(driver, {}, true);
@@ -188,8 +188,7 @@ TEST(Threads, CaptureNeverStarvesWhileEveryConsumerHoldsAllItMay) {
   EXPECT_EQ(pipeline.dropped(DropReason::NoFreeSlot), 0u);
   EXPECT_GT(pipeline.dropped(DropReason::TrackerBehind), 0u);
   gate.release_all();
-  running.thread.join();
-  EXPECT_EQ(context.counters.offered.load(), 400u);
+  EXPECT_LT(running.stop_s(), kStopDeadline_s);
   EXPECT_GE(pipeline.stages->frames.usage().high_water, 7u);  // some hold one frame together
   EXPECT_GT(context.counters.map_ring.refused.load(), 0u);
   EXPECT_EQ(pipeline.dropped(DropReason::NoFreeSlot), 0u);
