@@ -21,8 +21,8 @@ constexpr double kStopDeadline_s = 2;
 /// The run on a thread of its own, as the program's main thread is.
 struct Running {
   explicit Running(Pipeline& p) : pipeline(p), thread([&p] { run_threads(*p.context); }) {}
-  /// Asks for the end; how long that takes where nobody else is busy: what this process worked, and a tenth of what went
-  /// by, which others may have had.
+  /// Asks for the end; how long that takes where nobody else is busy: what this process worked, and a tenth
+  /// of what went by, which others may have had.
   double stop_s() {
     pipeline.stop.store(true);
     const Nanoseconds begin = monotonic_now();

@@ -55,8 +55,8 @@ TEST(Waker, WakesEverySleeper) {
   EXPECT_LT(monotonic_now() - begin, 10 * kSecond);
 }
 
-/// Two threads hand a number to and fro: a lost wake ends by the time-out only, and what one wrote before waking the
-/// other reads.
+/// Two threads hand a number to and fro: a lost wake ends by the time-out only, and what one wrote before
+/// waking the other reads.
 TEST(Waker, LosesNoneBetweenTwoThreads) {
   Waker to_a, to_b;
   std::atomic<int> turn{0};
