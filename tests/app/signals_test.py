@@ -107,7 +107,7 @@ class Signals(ProgramTest):
             self.assertIsNone(process.poll())
         process.send_signal(signal.SIGINT)
         process.send_signal(signal.SIGTERM)
-        _, err = process.communicate(timeout=60)
+        _, err = process.communicate(timeout=300)
         self.assertEqual(process.returncode, DONE, err)
         self.assert_complete()
 
