@@ -41,7 +41,7 @@ class RgbdDriver {
   virtual Status open() = 0;
   virtual SourceInfo describe() const = 0;
   virtual Status start() = 0;
-  /// Fills colour, depth and both stamps of `slot` (not grey, not the sequence number). `deadline_ns` is on
+  /// Fills colour, depth and both stamps of `slot` (not the sequence number). `deadline_ns` is on
   /// the monotonic clock; a log ignores it. The slot's views fix the size: another size is Dropped with
   /// WrongSize.
   virtual GrabResult grab(FrameSlot& slot, Nanoseconds deadline_ns) = 0;

@@ -8,7 +8,6 @@
 
 #include "core/config.h"
 #include "core/frame_pool.h"
-#include "runtime/capture.h"
 #include "runtime/source.h"
 #include "track/tracker.h"
 
@@ -45,7 +44,6 @@ int main(int argc, char** argv) {
     if (grabbed.status == stillmap::GrabStatus::EndOfStream) return 0;
     if (grabbed.status != stillmap::GrabStatus::Frame) continue;
     frame.sequence = sequence++;
-    stillmap::make_grey(frame.colour, frame.grey);
 
     const stillmap::TrackingResult& result = tracker.track(frame, nothing_moves);
     if (!result.has_pose()) continue;

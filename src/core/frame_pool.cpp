@@ -40,13 +40,11 @@ FramePool::FramePool(Arena& arena, std::size_t frames, int width, int height)
     : count_(frames), entries_(arena.planning() ? nullptr : new FrameHandle::Entry[frames]) {
   const std::size_t pixels = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
   const std::span<Bgr> colour = arena.take<Bgr>("frames.colour", frames * pixels);
-  const std::span<std::uint8_t> grey = arena.take<std::uint8_t>("frames.grey", frames * pixels);
   const std::span<std::uint16_t> depth = arena.take<std::uint16_t>("frames.depth", frames * pixels);
   if (arena.planning()) return;
   for (std::size_t i = 0; i < frames; ++i) {
     FrameSlot& slot = entries_[i].slot;
     slot.colour = {colour.data() + i * pixels, width, height, width};
-    slot.grey = {grey.data() + i * pixels, width, height, width};
     slot.depth = {depth.data() + i * pixels, width, height, width};
   }
 }

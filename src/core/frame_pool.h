@@ -12,8 +12,7 @@
 
 namespace stillmap {
 
-/// One RGB-D frame. Pixels live in the FramePool; the driver fills colour and depth in place, capture adds
-/// grey.
+/// One RGB-D frame. Pixels live in the FramePool; the driver fills colour and depth in place.
 struct FrameSlot {
   std::uint64_t sequence = 0;
   int camera = 0;
@@ -21,7 +20,6 @@ struct FrameSlot {
   Nanoseconds depth_ns = 0;   ///< exposure of the depth picture, on the source's clock
   Nanoseconds due_ns = 0;     ///< when the frame was due, on the monotonic clock: latency counts from here
   ImageView<Bgr> colour;
-  ImageView<std::uint8_t> grey;
   ImageView<std::uint16_t> depth;  ///< registered to colour; in the camera's depth units; 0 = no reading
 };
 

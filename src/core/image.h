@@ -11,6 +11,11 @@ struct Bgr {
   std::uint8_t b = 0, g = 0, r = 0;
 };
 
+/// Luma after BT.601, as every grey conversion that descriptors were ever measured on.
+constexpr std::uint8_t luma(Bgr c) {
+  return static_cast<std::uint8_t>((c.b * 29 + c.g * 150 + c.r * 77 + 128) >> 8);
+}
+
 /// A view of pixels that somebody else owns. `stride` counts pixels from one row to the next.
 template <class T>
 struct ImageView {

@@ -44,7 +44,7 @@ struct Detector::Impl {
         decoder(make_decoder(decoder_name, setup_of(config))),
         boxes(letterbox, class_kinds(config.classes), config.detector.nms_iou),
         warnings(class_warning(config.classes)),
-        network(letterbox, format_of(config.detector)) {}
+        format(format_of(config.detector)) {}
 
   Status load();
   std::span<const Tensor> outputs();
@@ -65,13 +65,14 @@ struct Detector::Impl {
   std::unique_ptr<Decoder> decoder;
   BoxSelection boxes;
   std::string warnings, description;
-  Network network;
+  InputFormat format;
+  std::unique_ptr<Network> network;
   std::vector<Tensor> tensors;
 };
 
 std::span<const Tensor> Detector::Impl::outputs() {
-  tensors.resize(network.output_count());
-  for (std::size_t i = 0; i < tensors.size(); ++i) tensors[i] = network.output(i);
+  tensors.resize(network->output_count());
+  for (std::size_t i = 0; i < tensors.size(); ++i) tensors[i] = network->output(i);
   return tensors;
 }
 
@@ -79,11 +80,13 @@ Status Detector::Impl::load() {
   const auto unusable = [&](const Error& e) {
     return refused("is no network that can be run (" + e.message + ")");
   };
-  if (const Status loaded = network.load(path); !loaded.ok()) return unusable(loaded.error());
+  Result<std::unique_ptr<Network>> opened = open_network(path, letterbox, format);
+  if (!opened.ok()) return unusable(opened.error());
+  network = std::move(opened.value());
   const std::vector<Bgr> blank(static_cast<std::size_t>(letterbox.picture_width) *
                                static_cast<std::size_t>(letterbox.picture_height));
-  const Status run =
-      network.run({blank.data(), letterbox.picture_width, letterbox.picture_height, letterbox.picture_width});
+  const Status run = network->run(
+      {blank.data(), letterbox.picture_width, letterbox.picture_height, letterbox.picture_width});
   if (!run.ok()) return unusable(run.error());
   const Decoder::Choice choice = decoder->choose(outputs());
   if (!choice.refusal.empty()) return refused(choice.refusal);
@@ -94,7 +97,7 @@ Status Detector::Impl::load() {
             std::to_string(choice.classes) +
             " classes; name them in its manifest, or add --config with the class file of this model"};
   }
-  network.choose_outputs(choice.outputs);
+  network->choose_outputs(choice.outputs);
   return {};
 }
 
@@ -106,7 +109,7 @@ Result<std::unique_ptr<Detector>> Detector::open(const Config& config, const std
   if (Status loaded = impl->load(); !loaded.ok()) return loaded.error();
   impl->description = std::filesystem::path(model_path).filename().string() + ", " + impl->decoder_name +
                       ", " + impl->size_text() + ", " + std::to_string(impl->classes) + " classes, " +
-                      impl->network.library();
+                      impl->network->library();
   return std::unique_ptr<Detector>(new Detector(std::move(impl)));
 }
 
@@ -114,7 +117,7 @@ bool Detector::run(const FrameSlot& frame, Detections& out) {
   out.sequence = frame.sequence;
   out.stamp_ns = frame.colour_ns;
   out.items.clear();
-  if (!impl_->network.run(frame.colour).ok()) return false;
+  if (!impl_->network->run(frame.colour).ok()) return false;
   impl_->boxes.clear();
   impl_->decoder->decode(impl_->outputs(), impl_->boxes);
   impl_->boxes.select(out.items);

@@ -11,10 +11,7 @@ namespace {
 
 constexpr std::size_t kAlignment = 64;
 
-/// This thread's scratch memory, which only grows.
-std::byte* scratch(std::size_t bytes) {
-  thread_local std::vector<std::byte> memory;
-  if (memory.size() < bytes + kAlignment) memory.resize(bytes + kAlignment);
+std::byte* aligned(std::span<std::byte> memory) {
   const std::size_t past = reinterpret_cast<std::uintptr_t>(memory.data()) % kAlignment;
   return memory.data() + (kAlignment - past) % kAlignment;
 }
@@ -59,8 +56,9 @@ std::span<const Int8Kernels* const> int8_kernels() {
 bool Int8Convolution::can(const Shape& s) {
   const bool whole = s.in_channels > 0 && s.out_channels > 0 && s.kernel_width > 0 && s.kernel_height > 0 &&
                      s.stride > 0 && s.pad_x >= 0 && s.pad_y >= 0;
-  if (!whole || s.stride > 4) return false;
-  if (s.depthwise) return s.in_channels == s.out_channels && s.kernel_width * s.kernel_height <= kMostTaps;
+  if (!whole) return false;
+  if (s.depthwise)
+    return s.in_channels == s.out_channels && s.stride <= 4 && s.kernel_width * s.kernel_height <= kMostTaps;
   // The sum of products of 8 bits stays within 32.
   return size(s.in_channels, s.kernel_width, s.kernel_height) <= 65536;
 }
@@ -102,24 +100,52 @@ Requantize Int8Convolution::after() const {
   return {bias_.data(), multiplier_.data(), out_zero_, lut_.empty() ? nullptr : lut_.data()};
 }
 
-void Int8Convolution::run(const std::int8_t* in, int width, int height, std::int8_t* out) const {
+bool Int8Convolution::pointwise() const {
+  return shape_.kernel_width * shape_.kernel_height == 1 && shape_.stride == 1 && shape_.pad_x == 0 &&
+         shape_.pad_y == 0;
+}
+
+std::size_t Int8Convolution::packed_bytes() const {
+  const int depth = shape_.in_channels * shape_.kernel_width * shape_.kernel_height;
+  const int per_lane = kernels_->channels_per_lane;
+  return size((depth + per_lane - 1) / per_lane, kDenseBlock, sizeof(std::int32_t));
+}
+
+Int8Convolution::Rows Int8Convolution::depthwise_rows(int in_width, int in_height) const {
+  const int columns =
+      round_up(out_width(in_width), kDepthwiseColumns) + (shape_.kernel_width - 1) / shape_.stride;
+  const int rows =
+      (round_up(out_height(in_height), kDepthwiseRows) - 1) * shape_.stride + shape_.kernel_height;
+  return {size(round_up(columns, kDepthwiseColumns), 1), rows};
+}
+
+std::size_t Int8Convolution::scratch_bytes(int in_width, int in_height) const {
   if (shape_.depthwise) {
-    run_depthwise(in, width, height, out);
+    const Rows rows = depthwise_rows(in_width, in_height);
+    return kAlignment + rows.pitch * (size(rows.count, shape_.stride, sizeof(float)) + kDepthwiseRows);
+  }
+  const std::size_t unrolled = size(shape_.in_channels, shape_.kernel_width, shape_.kernel_height) *
+                               size(out_width(in_width), out_height(in_height));
+  return kAlignment + packed_bytes() + (pointwise() ? 0 : unrolled);
+}
+
+void Int8Convolution::run(const std::int8_t* in, int width, int height, std::int8_t* out,
+                          std::span<std::byte> scratch) const {
+  STILLMAP_CHECK(scratch.size() >= scratch_bytes(width, height));
+  if (shape_.depthwise) {
+    run_depthwise(in, width, height, out, aligned(scratch));
   } else {
-    run_dense(in, width, height, out);
+    run_dense(in, width, height, out, aligned(scratch));
   }
 }
 
-void Int8Convolution::run_depthwise(const std::int8_t* in, int width, int height, std::int8_t* out) const {
-  const int columns =
-      round_up(out_width(width), kDepthwiseColumns) + (shape_.kernel_width - 1) / shape_.stride;
-  const std::size_t pitch = size(round_up(columns, kDepthwiseColumns), 1);
-  const int rows = (round_up(out_height(height), kDepthwiseRows) - 1) * shape_.stride + shape_.kernel_height;
-  auto* floats = reinterpret_cast<float*>(
-      scratch(pitch * size(rows, shape_.stride, sizeof(float)) + pitch * kDepthwiseRows));
+void Int8Convolution::run_depthwise(const std::int8_t* in, int width, int height, std::int8_t* out,
+                                    std::byte* scratch) const {
+  const Rows rows = depthwise_rows(width, height);
   kernels_->depthwise({in, shape_.in_channels, width, height, out_width(width), out_height(height),
                        shape_.kernel_width, shape_.kernel_height, shape_.stride, shape_.pad_x, shape_.pad_y,
-                       in_zero_, depthwise_weights_.data(), after(), out, floats, pitch, rows});
+                       in_zero_, depthwise_weights_.data(), after(), out, reinterpret_cast<float*>(scratch),
+                       rows.pitch, rows.count});
 }
 
 std::int8_t* Int8Convolution::unroll(const std::int8_t* in, int width, int height, int k,
@@ -145,22 +171,18 @@ std::int8_t* Int8Convolution::unroll(const std::int8_t* in, int width, int heigh
   return to;
 }
 
-void Int8Convolution::run_dense(const std::int8_t* in, int width, int height, std::int8_t* out) const {
+void Int8Convolution::run_dense(const std::int8_t* in, int width, int height, std::int8_t* out,
+                                std::byte* scratch) const {
   const int columns = out_width(width) * out_height(height);
   const int depth = shape_.in_channels * shape_.kernel_width * shape_.kernel_height;
-  const int per_lane = kernels_->channels_per_lane;
-  const bool pointwise =
-      depth == shape_.in_channels && shape_.stride == 1 && shape_.pad_x == 0 && shape_.pad_y == 0;
-  const std::size_t packed = size((depth + per_lane - 1) / per_lane, kDenseBlock, sizeof(std::int32_t));
-  std::byte* memory = scratch(packed + (pointwise ? 0 : size(depth, columns)));
   const std::int8_t* rows = in;
-  if (!pointwise) {
-    auto* unrolled = reinterpret_cast<std::int8_t*>(memory + packed);
+  if (!pointwise()) {
+    auto* unrolled = reinterpret_cast<std::int8_t*>(scratch + packed_bytes());
     rows = unrolled;
     for (int k = 0; k < depth; ++k) unrolled = unroll(in, width, height, k, unrolled);
   }
   kernels_->dense({rows, depth, columns, shape_.out_channels, dense_weights_.data(), after(), out,
-                   reinterpret_cast<std::int32_t*>(memory)});
+                   reinterpret_cast<std::int32_t*>(scratch)});
 }
 
 }  // namespace stillmap

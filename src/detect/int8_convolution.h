@@ -36,6 +36,7 @@ class Int8Convolution {
 
   /// The activation: 256 values, from that of -128 on.
   void set_lut(std::span<const std::int8_t> lut) { lut_.assign(lut.begin(), lut.end()); }
+  bool has_lut() const { return !lut_.empty(); }
 
   int out_width(int in_width) const {
     return (in_width + 2 * shape_.pad_x - shape_.kernel_width) / shape_.stride + 1;
@@ -44,13 +45,25 @@ class Int8Convolution {
     return (in_height + 2 * shape_.pad_y - shape_.kernel_height) / shape_.stride + 1;
   }
 
-  /// `in` [channel][row][column], `out` alike, of another place in memory. Takes heap memory only where
-  /// this thread has not yet run a convolution as large.
-  void run(const std::int8_t* in, int width, int height, std::int8_t* out) const;
+  /// What run() needs beside, for an input of this size.
+  std::size_t scratch_bytes(int in_width, int in_height) const;
+  /// `in` [channel][row][column], `out` alike, of another place in memory; `scratch` of scratch_bytes() or
+  /// more. Takes no heap memory.
+  void run(const std::int8_t* in, int width, int height, std::int8_t* out,
+           std::span<std::byte> scratch) const;
 
  private:
-  void run_dense(const std::int8_t* in, int width, int height, std::int8_t* out) const;
-  void run_depthwise(const std::int8_t* in, int width, int height, std::int8_t* out) const;
+  void run_dense(const std::int8_t* in, int width, int height, std::int8_t* out, std::byte* scratch) const;
+  void run_depthwise(const std::int8_t* in, int width, int height, std::int8_t* out,
+                     std::byte* scratch) const;
+  bool pointwise() const;
+  std::size_t packed_bytes() const;
+  /// Of the rows that depthwise() works on.
+  struct Rows {
+    std::size_t pitch = 0;
+    int count = 0;
+  };
+  Rows depthwise_rows(int in_width, int in_height) const;
   /// Writes what the k-th weight of every output sees, for every column; returns the place behind it.
   std::int8_t* unroll(const std::int8_t* in, int width, int height, int k, std::int8_t* to) const;
   Requantize after() const;

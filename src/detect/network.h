@@ -2,10 +2,10 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <memory>
 #include <span>
 #include <string>
-#include <vector>
 
 #include "core/image.h"
 #include "core/status.h"
@@ -19,37 +19,40 @@ struct InputFormat {
   std::array<float, 3> mean{}, deviation{1, 1, 1};  ///< grey levels, in the order blue, green, red
   bool red_first = false;                           ///< the order of the planes; else blue first
   int pad = 0;                                      ///< grey level of the bars beside the picture
+
+  /// The channel of Bgr that plane `plane` shows.
+  std::size_t channel_of(std::size_t plane) const { return red_first ? 2 - plane : plane; }
+  float normalised(std::size_t channel, int grey_level) const {
+    return (static_cast<float>(grey_level) - mean[channel]) / deviation[channel];
+  }
 };
 
-/// An ONNX network that OpenCV's dnn loads and runs, its quantized convolutions on our own kernels. The one
-/// place that knows OpenCV. One thread at a time. OpenCV takes heap memory for every run.
+/// An ONNX network at work. One thread at a time.
 class Network {
  public:
-  Network(const Letterbox& letterbox, const InputFormat& format);
-  ~Network();
+  virtual ~Network() = default;
 
-  /// Errors: what the library says, in one line.
-  Status load(const std::string& path);
-  /// Puts a picture of the letterbox's size (checked) through the network. Errors: what the library says.
-  Status run(ImageView<const Bgr> colour);
+  /// Puts a picture of the letterbox's size (checked) through the network. Errors: what a library says.
+  virtual Status run(ImageView<const Bgr> colour) = 0;
   /// All outputs of the file, in no order, or those of choose_outputs() in its order.
-  std::size_t output_count() const { return names_.size(); }
+  virtual std::size_t output_count() const = 0;
   /// The i-th output of the last run.
-  Tensor output(std::size_t i) const;
+  virtual Tensor output(std::size_t i) const = 0;
   /// From now on, run() gives these of the present outputs.
-  void choose_outputs(std::span<const std::size_t> chosen);
-  /// The library's and the kernels' names, for people.
-  static std::string library();
-
- private:
-  void fill_input(ImageView<const Bgr> colour);
-
-  struct Impl;
-  std::unique_ptr<Impl> impl_;
-  Letterbox letterbox_;
-  std::array<std::array<float, 256>, 3> normalised_{};  // by plane and grey level
-  std::array<int, 3> channel_of_plane_{};
-  std::vector<std::string> names_;  // as the file has them, of the outputs
+  virtual void choose_outputs(std::span<const std::size_t> chosen) = 0;
+  /// What runs it, for people.
+  virtual std::string library() const = 0;
 };
+
+/// Opens an ONNX file: on our own layers where these are all that it is made of, and with OpenCV's module
+/// otherwise, which is loaded for that alone. Errors: what is in the way, in one line.
+Result<std::unique_ptr<Network>> open_network(const std::string& path, const Letterbox& letterbox,
+                                              const InputFormat& format);
+
+/// The entry of libstillmap_network_opencv.so. Program and module come from one build.
+constexpr const char* kNetworkModuleEntry = "stillmap_network_module";
+using NetworkModuleEntry = Result<std::unique_ptr<Network>> (*)(const std::string& path,
+                                                                const Letterbox& letterbox,
+                                                                const InputFormat& format);
 
 }  // namespace stillmap

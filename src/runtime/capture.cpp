@@ -14,28 +14,14 @@ Nanoseconds thread_cpu_now() {
   return static_cast<Nanoseconds>(t.tv_sec) * 1'000'000'000 + t.tv_nsec;
 }
 
-void make_grey(ImageView<const Bgr> colour, ImageView<std::uint8_t> grey) {
-  for (int y = 0; y < colour.height; ++y) {
-    const Bgr* from = colour.row(y);
-    std::uint8_t* to = grey.row(y);
-    for (int x = 0; x < colour.width; ++x) {
-      to[x] = static_cast<std::uint8_t>((from[x].b * 29 + from[x].g * 150 + from[x].r * 77 + 128) >> 8);
-    }
-  }
-}
-
 Capture::Outcome Capture::next(FrameHandle& out, Nanoseconds deadline_ns) {
   const HeapScope scope(HeapOwner::Capture);
-  if (!spare_is_filled_) {
-    const Outcome outcome = fill_spare(deadline_ns);
-    if (outcome != Outcome::Frame) return outcome;
-  }
-  FrameHandle next_spare = frames_.acquire();
-  // A camera's frame is lost; a log's only waits until the stages have let go of one.
-  spare_is_filled_ = !next_spare && is_log_;
-  if (spare_is_filled_) return Outcome::Nothing;
+  if (!spare_) spare_ = frames_.acquire();
+  if (!spare_) return Outcome::Nothing;
+  if (const Outcome outcome = fill_spare(deadline_ns); outcome != Outcome::Frame) return outcome;
   RunCounters::bump(counters_.offered);
-  if (!next_spare) {
+  FrameHandle next_spare;
+  if (!is_log_ && !(next_spare = frames_.acquire())) {
     counters_.drop(DropReason::NoFreeSlot);
     return Outcome::Nothing;
   }
@@ -83,7 +69,6 @@ Capture::Outcome Capture::fill_spare(Nanoseconds deadline_ns) {
     log_.stamp_to_slot.add(slot.due_ns - slot.colour_ns);
     slot.due_ns = std::min(slot.due_ns, slot.colour_ns);
   }
-  make_grey(slot.colour, slot.grey);
   check_depth(slot);
   return Outcome::Frame;
 }

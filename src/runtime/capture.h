@@ -10,12 +10,12 @@
 
 namespace stillmap {
 
-/// The source's frames, one after another, numbered and with grey made; what cannot be used is counted: every
+/// The source's frames, one after another, numbered; what cannot be used is counted: every
 /// frame that the source offers is handed out or dropped with its reason. Depth that cannot be right is told
 /// as an event, once for each kind of fault.
 ///
-/// The source always fills a spare frame of the pool, which is handed out only when the next spare is there.
-/// So a camera is read, and its frames are dropped one by one, also while the stages hold every other frame.
+/// The source fills a spare frame of the pool. A camera's is handed out only when the next spare is there: it
+/// is read, and its frames are dropped one by one, also while the stages hold every other frame. A log waits.
 class Capture {
  public:
   /// Frames later than `duration_s` after the first are not offered any more; 0: all are.
@@ -35,10 +35,10 @@ class Capture {
   }
 
   enum class Outcome { Frame, Nothing, End, Lost };
-  /// A log's frame is decoded and waits for a place in the pool.
-  bool waits_for_room() const { return spare_is_filled_; }
+  /// A log's next frame waits for a place in the pool.
+  bool waits_for_room() const { return !spare_; }
   /// `out` holds the next frame where the outcome is Frame. Nothing: this one was dropped, none came in time,
-  /// or a log's frame waits for a place in the pool.
+  /// or a log's next frame waits for a place in the pool.
   Outcome next(FrameHandle& out, Nanoseconds deadline_ns);
 
  private:
@@ -56,14 +56,10 @@ class Capture {
   DepthCheck depth_check_;
   DepthFault depth_fault_told_ = DepthFault::None;
   FrameHandle spare_;
-  bool spare_is_filled_ = false;  // a log's frame that waits
   std::uint64_t next_sequence_ = 0;
   std::optional<Nanoseconds> first_stamp_ns_;
   Nanoseconds newest_stamp_ns_ = 0;
 };
-
-/// Luma after BT.601, as every grey conversion that descriptors were ever measured on.
-void make_grey(ImageView<const Bgr> colour, ImageView<std::uint8_t> grey);
 
 /// CPU time of the calling thread.
 Nanoseconds thread_cpu_now();

@@ -27,7 +27,7 @@ DepthCheck::Verdict DepthCheck::look(const FrameSlot& frame) {
       ++readings_;
       out_of_range_ += camera_.depth_m(depth[x]) == 0 ? 1 : 0;
     }
-    compare_edges(depth, frame.grey.row(y), frame.depth.width);
+    compare_edges(depth, frame.colour.row(y), frame.depth.width);
   }
   if (++looks_ % kLooks != 0) return {};
   const Verdict verdict = judge();
@@ -36,7 +36,7 @@ DepthCheck::Verdict DepthCheck::look(const FrameSlot& frame) {
   return verdict;
 }
 
-void DepthCheck::compare_edges(const std::uint16_t* depth, const std::uint8_t* grey, int width) {
+void DepthCheck::compare_edges(const std::uint16_t* depth, const Bgr* colour, int width) {
   for (int x = kMaxShift + 3; x < width - kMaxShift - 3; ++x) {
     const int left = depth[x - 2], right = depth[x + 2];
     // A step between two surfaces, by a tenth of the nearer one's distance, sharpest here.
@@ -45,7 +45,7 @@ void DepthCheck::compare_edges(const std::uint16_t* depth, const std::uint8_t* g
     for (int shift = -kMaxShift; shift <= kMaxShift; ++shift) {
       const int at = x + shift;
       contrast_[static_cast<std::size_t>(shift + kMaxShift)] +=
-          static_cast<std::uint64_t>(std::abs(grey[at + 2] - grey[at - 2]));
+          static_cast<std::uint64_t>(std::abs(luma(colour[at + 2]) - luma(colour[at - 2])));
     }
   }
 }

@@ -20,8 +20,7 @@ class DepthCheck {
  public:
   explicit DepthCheck(const CameraModel& camera) : camera_(camera) {}
 
-  /// Takes a frame with grey made. A verdict, with what it stands on, after each ten looks; otherwise
-  /// None.
+  /// A verdict, with what it stands on, after each ten looks; otherwise None.
   struct Verdict {
     DepthFault fault = DepthFault::None;
     /// Empty: percent of pixels without a reading. Scale: percent of readings out of range. Unregistered: how
@@ -33,7 +32,7 @@ class DepthCheck {
  private:
   static constexpr int kMaxShift = 24;
   Verdict judge() const;
-  void compare_edges(const std::uint16_t* depth, const std::uint8_t* grey, int width);
+  void compare_edges(const std::uint16_t* depth, const Bgr* colour, int width);
 
   CameraModel camera_;
   std::uint64_t frames_ = 0, looks_ = 0;

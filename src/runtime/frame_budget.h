@@ -8,7 +8,7 @@
 namespace stillmap {
 
 // What waits between two threads. Live, a tracker or map that is further behind skips frames, and says so.
-constexpr std::size_t kReadAheadRing = 2, kTrackRing = 2, kMapRing = 2, kDetectedRing = 1;
+constexpr std::size_t kReadAheadRing = 1, kTrackRing = 2, kMapRing = 2, kDetectedRing = 1;
 
 /// How many frames each part of the pipeline may hold at once. The pool is their sum, so capture starves only
 /// by fault.
@@ -17,7 +17,7 @@ struct FrameBudget {
     const char* who = "";
     std::size_t frames = 0;
   };
-  std::array<Line, 7> lines;
+  std::array<Line, 6> lines;
   std::size_t sum() const {
     std::size_t total = 0;
     for (const Line& line : lines) total += line.frames;
@@ -28,28 +28,28 @@ struct FrameBudget {
 /// Who takes part in a run, and how many frames those hold that are not threads of the frame's way.
 struct FrameHolders {
   bool detector = false, log = false;
-  std::size_t preview = 0, recorder = 0;
+  std::size_t recorder = 0;
   /// How many frames lockstep's detector is late; it keeps them, and little else is held then.
   std::size_t lockstep_delay = 0;
 };
 
 constexpr FrameBudget frame_budget(const FrameHolders& holders) {
-  const auto [detector, log, preview, recorder, lockstep_delay] = holders;
+  const auto [detector, log, recorder, lockstep_delay] = holders;
   FrameBudget budget{{{
-      {"capture", 2},  // the spare that is being filled, and one in hand
-      {"read-ahead",
-       log ? kReadAheadRing + 1 : 0},    // decoded ahead of their time, and the one that waits for it
+      // The one in hand, and a camera's spare that is being filled
+      {"capture", log ? 1u : 2u},
+      // Decoded ahead of their time, and the one that is being decoded or waits for room
+      {"read-ahead", log ? kReadAheadRing + 1 : 0},
       {"tracker", kTrackRing + 1},       // its ring and the frame at work
       {"detector", detector ? 2u : 0u},  // waiting and at work
-      // Its ring and the frame at work; seen by the detector, and waiting for the pose
-      {"map", kMapRing + 1 + (detector ? kDetectedRing + 1 : 0)},
-      {"preview", preview},  // the newest picture for the stream's clients
+      // Its ring and the frame at work; or, while the detector speaks, those that it has seen
+      {"map", std::max(kMapRing, kDetectedRing) + 1},
       {"recorder", recorder},
   }}};
   constexpr std::size_t kLockstepHolds = 4;  // the spare, one in hand, one at the tracker, one at the map
   std::size_t others = 0;
   for (const FrameBudget::Line& line : budget.lines) others += line.frames;
-  const std::size_t late = kLockstepHolds + preview + recorder + lockstep_delay;
+  const std::size_t late = kLockstepHolds + recorder + lockstep_delay;
   if (late > others) budget.lines[3].frames += late - others;
   return budget;
 }

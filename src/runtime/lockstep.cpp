@@ -62,7 +62,7 @@ void run_lockstep(RunContext& context) {
       item.due_frame = n + static_cast<std::uint64_t>(timing.delay);
       item.detected.frame = frame.share();
       if (detect_frame(context, *frame, item.detected.boxes)) {
-        offer_picture(context, frame, item.detected.boxes);
+        offer_picture(context, *frame, item.detected.boxes);
         delayed.add();
       } else {
         item.detected.frame.reset();
@@ -76,7 +76,7 @@ void run_lockstep(RunContext& context) {
       adjust_map(context);
       adjust_at = kNever;
     }
-    if (context.detector == nullptr) offer_picture(context, frame, {});
+    if (context.detector == nullptr) offer_picture(context, *frame, {});
 
     const HeapScope scope(HeapOwner::Map);
     if (has_pose) {

@@ -48,19 +48,18 @@ MapStage::RecentPose MapStage::in_map(const RecentPose& pose) const {
 void MapStage::take_frame(PosedFrame&& posed) {
   take_correction(posed.epoch);
   map_.continue_correction();
-  const FrameSlot& frame = *posed.frame;
-  if (newest_ns_ == 0) last_boxes_ns_ = frame.colour_ns;
-  newest_ns_ = frame.colour_ns;
-  const RecentPose& pose = recent_[frame.sequence % recent_.size()] = {
-      frame.sequence,           posed.T_map_colour, posed.T_map_depth,
+  if (newest_ns_ == 0) last_boxes_ns_ = posed.stamp_ns;
+  newest_ns_ = posed.stamp_ns;
+  const RecentPose& pose = recent_[posed.sequence % recent_.size()] = {
+      posed.sequence,           posed.T_map_colour, posed.T_map_depth,
       posed.reference_keyframe, posed.epoch,        posed.T_map_keyframe};
   if (posed.boxes_are_its_own) last_boxes_ns_ = newest_ns_;
   const bool detector_silent =
       newest_ns_ - last_boxes_ns_ > static_cast<Nanoseconds>(config_.detector.max_age_ms) * 1'000'000;
-  if (has_detector_ && !posed.boxes_are_its_own && !detector_silent)
+  if (!posed.frame || (has_detector_ && !posed.boxes_are_its_own && !detector_silent))
     return;  // its own boxes are on their way
-  if (due(frame.sequence)) {
-    fuse(frame, pose, posed.mask);
+  if (due(posed.sequence)) {
+    fuse(*posed.frame, pose, posed.mask);
     (posed.boxes_are_its_own ? counts_.own_boxes : counts_.carried_boxes) += 1;
   }
   posed.frame.reset();

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/memory_use.h"
 
+#include <sys/resource.h>
+
 #include <fstream>
 #include <string>
 
@@ -24,6 +26,11 @@ std::uint64_t resident_kb() {
 }
 std::uint64_t resident_peak_kb() {
   return status_field("VmHWM:");
+}
+std::uint64_t major_faults() {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  return static_cast<std::uint64_t>(usage.ru_majflt);
 }
 
 }  // namespace stillmap

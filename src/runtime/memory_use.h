@@ -9,5 +9,7 @@ namespace stillmap {
 /// /proc is not mounted.
 std::uint64_t resident_kb();
 std::uint64_t resident_peak_kb();
+/// How often this process has waited for a page from the disk.
+std::uint64_t major_faults();
 
 }  // namespace stillmap

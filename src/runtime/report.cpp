@@ -69,6 +69,7 @@ Json memory_part(const RunContext& context, const ReportFacts& facts) {
           {"rss_start_kb", facts.rss_start_kb},
           {"rss_end_kb", resident_kb()},
           {"rss_peak_kb", resident_peak_kb()},
+          {"major_faults", facts.major_faults},
           {"heap_allocations_after_start",
            {{"capture", of(HeapOwner::Capture)},
             {"track", of(HeapOwner::Track)},

@@ -12,7 +12,7 @@ namespace stillmap {
 /// What a report tells beside what the pipeline itself counted.
 struct ReportFacts {
   std::string source, config_sha256, model, model_sha256;
-  std::uint64_t planned_bytes = 0, rss_start_kb = 0;
+  std::uint64_t planned_bytes = 0, rss_start_kb = 0, major_faults = 0;  // the last: of the run
   Nanoseconds process_start_ns = 0, run_start_ns = 0, run_end_ns = 0;
   double cpu_s = 0;
   std::optional<Accuracy> accuracy;

@@ -354,6 +354,7 @@ Status run(const RunOptions& asked) {
     context->record = record.get();
   }
   if (Status s = source.value().driver->start(); !s.ok()) return s;
+  malloc_trim(0);  // what building took for a moment goes back before the rest is held
   if (config.memory.lock) {
     if (const std::string warning = lock_memory(); !warning.empty()) spdlog::warn("{}", warning);
   }
@@ -368,6 +369,7 @@ Status run(const RunOptions& asked) {
   facts.process_start_ns = process_start_ns;
   facts.run_start_ns = monotonic_now();
   const double cpu_start_s = process_cpu_s();
+  const std::uint64_t faults_before = major_faults();
   if (mode == RunMode::Lockstep) {
     run_lockstep(*context);
   } else {
@@ -375,6 +377,7 @@ Status run(const RunOptions& asked) {
   }
   facts.run_end_ns = monotonic_now();
   facts.cpu_s = process_cpu_s() - cpu_start_s;
+  facts.major_faults = major_faults() - faults_before;
   source.value().driver->stop();
   if (record != nullptr) record->finish();
   if (stages->stream) stages->stream->stop();

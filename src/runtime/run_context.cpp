@@ -94,7 +94,7 @@ void adjust_map(RunContext& context) {
   context.stages.track.loops().work();
 }
 
-void offer_picture(RunContext& context, const FrameHandle& frame, const Detections& own) {
+void offer_picture(RunContext& context, const FrameSlot& frame, const Detections& own) {
   if (!context.stages.stream || !context.stages.stream->picture_wanted()) return;
   if (context.detector == nullptr && context.config.stream.preview != "full") return;
   context.stages.stream->publish_picture(frame, own);

@@ -103,7 +103,7 @@ bool detect_frame(RunContext& context, const FrameSlot& frame, Detections& out);
 /// Lets the stream's preview have a frame, when it is due: one that was detected on, with its own boxes, or
 /// one that was tracked. Without a detector nobody knows whether there are people in it: then only where they
 /// may be seen.
-void offer_picture(RunContext& context, const FrameHandle& frame, const Detections& own);
+void offer_picture(RunContext& context, const FrameSlot& frame, const Detections& own);
 
 /// Map thread. Gives the stream's clients what they wait for of the map.
 void answer_map_requests(RunContext& context);

@@ -31,7 +31,6 @@ struct Stages {
     FrameBudget frames() const {
       return frame_budget({.detector = detector,
                            .log = log,
-                           .preview = stream ? std::size_t{StreamServer::kFramesHeld} : 0,
                            .recorder = static_cast<std::size_t>(recorder_frames),
                            .lockstep_delay = static_cast<std::size_t>(lockstep_delay)});
     }

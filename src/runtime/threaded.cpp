@@ -71,7 +71,7 @@ void decode_thread(RunContext& context, Lanes& lanes) {
         if (!more) lanes.never_due.fetch_add(1, std::memory_order_relaxed);
         break;
       case Capture::Outcome::Nothing:
-        // Dropped, and counted; or a frame that waits until the stages have let go of another.
+        // Dropped, and counted; or waiting until the stages have let go of a frame.
         if (capture.waits_for_room()) lanes.decode_waker.wait(ticket, kMillisecond);
         break;
       default:
@@ -197,7 +197,9 @@ FrameHandle next_to_track(RunContext& context, Lanes& lanes, bool& end) {
 }
 
 void track_thread(RunContext& context, Lanes& lanes) {
+  const auto max_age_ns = static_cast<Nanoseconds>(context.config.detector.max_age_ms) * 1'000'000;
   std::uint64_t behind_before = 0;
+  Nanoseconds heard_ns = 0;  // stamp of the newest frame that the detector has spoken of
   for (bool end = false; !end;) {
     const std::uint32_t ticket = lanes.track_waker.ticket();
     const FrameHandle frame = next_to_track(context, lanes, end);
@@ -206,17 +208,25 @@ void track_thread(RunContext& context, Lanes& lanes) {
       continue;
     }
     Lanes::MapItem item;
+    bool posed = false;
     {
       const AtWork working(context, Stage::Track);
-      if (lanes.boxes_to_track.refresh()) context.stages.track.take_boxes(lanes.boxes_to_track.value());
-      if (track_frame(context, *frame)) context.stages.track.fill_posed(frame, item.posed);
+      if (lanes.boxes_to_track.refresh()) {
+        context.stages.track.take_boxes(lanes.boxes_to_track.value());
+        heard_ns = lanes.boxes_to_track.value().stamp_ns;
+      }
+      posed = track_frame(context, *frame);
+      if (posed) context.stages.track.fill_posed(frame, item.posed);
+      // While the detector speaks, the map has its frames from there.
+      const bool silent = frame->colour_ns - heard_ns > max_age_ns;
+      if (context.detector != nullptr && !silent && !item.posed.boxes_are_its_own) item.posed.frame.reset();
       if (context.stages.track.work_waits()) lanes.adjust_waker.wake();
-      if (context.detector == nullptr) offer_picture(context, frame, {});
+      if (context.detector == nullptr) offer_picture(context, *frame, {});
     }
     bool fits = true;
-    if (item.posed.frame && context.mode == RunMode::Fast) {
+    if (posed && context.mode == RunMode::Fast) {
       push_waiting(lanes.to_map, std::move(item), lanes.map_waker, lanes.track_waker, nullptr);
-    } else if (item.posed.frame) {
+    } else if (posed) {
       fits = lanes.to_map.try_push(std::move(item));
       lanes.map_waker.wake();
     }
@@ -254,7 +264,7 @@ void detect_thread(RunContext& context, Lanes& lanes) {
     detected.frame = std::move(lanes.to_detect.value());
     if (!detect_frame(context, *detected.frame, detected.boxes)) continue;
     lanes.boxes_to_track.publish(detected.boxes);
-    offer_picture(context, detected.frame, detected.boxes);
+    offer_picture(context, *detected.frame, detected.boxes);
     if (lanes.boxes_to_map.try_push(std::move(detected))) lanes.map_waker.wake();
   }
   lanes.to_detect.refresh();
@@ -273,9 +283,9 @@ void map_thread(RunContext& context, Lanes& lanes) {
       lanes.track_waker.wake();
       idle = false;
       end |= item->end;
-      if (!item->posed.frame) continue;
+      if (item->end) continue;
       const AtWork working(context, Stage::Map);
-      newest = item->posed.frame->sequence;
+      newest = item->posed.sequence;
       context.stages.map.take_frame(std::move(item->posed));
     }
     if (!held) held = lanes.boxes_to_map.try_pop();

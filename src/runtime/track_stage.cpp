@@ -47,6 +47,8 @@ const TrackingResult& TrackStage::step(const FrameSlot& frame) {
 }
 
 void TrackStage::fill_posed(const FrameHandle& frame, PosedFrame& out) const {
+  out.sequence = frame->sequence;
+  out.stamp_ns = frame->colour_ns;
   out.frame = frame.share();
   out.T_map_colour = result_.T_map_camera();
   out.T_map_depth = T_map_depth_;

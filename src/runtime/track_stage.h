@@ -14,9 +14,11 @@ namespace stillmap {
 
 /// A tracked frame on its way to the map.
 struct PosedFrame {
-  FrameHandle frame;
-  Pose T_map_colour;  ///< T_map_camera at the colour stamp
-  Pose T_map_depth;   ///< T_map_camera at the depth stamp
+  std::uint64_t sequence = 0;
+  Nanoseconds stamp_ns = 0;  ///< of its colour
+  FrameHandle frame;         ///< empty where the map shall wait for the detector's word on it
+  Pose T_map_colour;         ///< T_map_camera at the colour stamp
+  Pose T_map_depth;          ///< T_map_camera at the depth stamp
   std::uint32_t reference_keyframe = 0;
   Pose T_map_keyframe;             ///< the reference keyframe's own
   std::uint32_t epoch = 0;         ///< correction epoch that all these poses are of

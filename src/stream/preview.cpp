@@ -27,9 +27,8 @@ Preview::Preview(Arena& arena, const Config& config)
       jpeg_(arena.take<std::uint8_t>("stream.preview_jpeg", kJpegBytes)),
       encoder_(arena, size_.width, size_.height) {}
 
-std::size_t Preview::encode(const FrameSlot& frame, const Detections& own, const StreamScene& scene,
+std::size_t Preview::encode(Nanoseconds stamp_ns, const Detections& own, const StreamScene& scene,
                             std::span<std::uint8_t> out) {
-  shrink(frame.colour);
   if (!full_) {
     for (const StreamFeature& feature : scene.features) {
       if (feature.label == Label::Dynamic) hide_around(feature);
@@ -43,7 +42,7 @@ std::size_t Preview::encode(const FrameSlot& frame, const Detections& own, const
   }
   for (const int quality : {kQuality, kLowQuality}) {
     const std::size_t bytes = encoder_.encode(view(), quality, jpeg_);
-    if (bytes > 0) return encode_picture(jpeg_.first(bytes), frame.colour_ns, out);
+    if (bytes > 0) return encode_picture(jpeg_.first(bytes), stamp_ns, out);
   }
   return 0;
 }

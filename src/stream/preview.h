@@ -7,7 +7,8 @@
 
 #include "core/arena.h"
 #include "core/config.h"
-#include "core/frame_pool.h"
+#include "core/detection.h"
+#include "core/image.h"
 #include "stream/jpeg_encoder.h"
 #include "stream/preview_size.h"
 #include "stream/stream_types.h"
@@ -20,11 +21,13 @@ class Preview {
  public:
   Preview(Arena& arena, const Config& config);
 
-  /// A foxglove.CompressedImage of the frame; returns its bytes, 0 when they do not fit into `out`. Unless
-  /// `stream.preview` is full, these are pixelated: what the detector found on this very frame (`own`), what
-  /// the tracker carried to it (`scene`, of the same frame), both grown by a margin, and the surroundings of
-  /// every feature that moves.
-  std::size_t encode(const FrameSlot& frame, const Detections& own, const StreamScene& scene,
+  /// Keeps a small copy of the picture, for encode(). Any thread, while no other uses this.
+  void shrink(ImageView<const Bgr> colour);
+  /// A foxglove.CompressedImage of the picture, once; returns its bytes, 0 when they do not fit into `out`.
+  /// Unless `stream.preview` is full, these are pixelated: what the detector found on this very frame
+  /// (`own`), what the tracker carried to it (`scene`, of the same frame), both grown by a margin, and the
+  /// surroundings of every feature that moves.
+  std::size_t encode(Nanoseconds stamp_ns, const Detections& own, const StreamScene& scene,
                      std::span<std::uint8_t> out);
 
   const PreviewSize& size() const { return size_; }
@@ -33,7 +36,6 @@ class Preview {
   struct Rect {
     int x0 = 0, y0 = 0, x1 = 0, y1 = 0;  // pixels of the preview, right and bottom exclusive
   };
-  void shrink(ImageView<const Bgr> colour);
   bool hides(std::uint16_t class_id, ClassKind kind) const;
   void hide(const Box& box);
   void hide_around(const StreamFeature& feature);

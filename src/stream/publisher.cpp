@@ -48,9 +48,12 @@ Publisher::Publisher(Arena& arena, const Config& config, Feed& feed, Counters& c
   static_assert(std::max({kMaxObjectsBytes, kMaxAnnotationsBytes}) <= kMaxPayloadBytes);
 }
 
-void Publisher::picture(const FrameHandle& frame, const Detections& own) {
+void Publisher::picture(const FrameSlot& frame, const Detections& own) {
   if (!picture_turn_.begin()) return;
-  picture_frame_ = frame.share();
+  preview_.shrink(frame.colour);
+  has_picture_ = true;
+  picture_sequence_ = frame.sequence;
+  picture_stamp_ns_ = frame.colour_ns;
   picture_boxes_ = own;
   picture_turn_.finish();
 }
@@ -134,8 +137,8 @@ void Publisher::take_picture(Nanoseconds now_ns) {
   if (!wanted) picture_turn_.reclaim();
   if (!picture_turn_.readable()) return;
   if (!wanted) {
-    picture_frame_.reset();
-  } else if (picture_frame_) {
+    has_picture_ = false;
+  } else if (has_picture_) {
     encode_preview(now_ns);
   } else if (now_ns - picture_asked_ns_ >= kPictureInterval_ns) {
     picture_asked_ns_ = now_ns;
@@ -144,26 +147,26 @@ void Publisher::take_picture(Nanoseconds now_ns) {
 }
 
 void Publisher::encode_preview(Nanoseconds now_ns) {
-  const StreamScene* scene = scene_of(picture_frame_->sequence);
+  const StreamScene* scene = scene_of(picture_sequence_);
   if (scene == nullptr) {
     // The tracker may still be at this frame. Once it is past it, or silent, what it knew of it will not come
     // any more, and a picture of which not all is known stays here.
     const bool passed =
-        scene_count_ > 0 && scenes_[(scene_count_ - 1) % kScenes].sequence > picture_frame_->sequence;
+        scene_count_ > 0 && scenes_[(scene_count_ - 1) % kScenes].sequence > picture_sequence_;
     if (!passed && now_ns - picture_asked_ns_ < kNoPicture_ns) return;
     Counters::add(counters_.pictures_withheld, 1);
-    picture_frame_.reset();
+    has_picture_ = false;
     return;
   }
   Topic& topic = feed_.topic(Channel::Picture);
-  const std::size_t bytes = preview_.encode(*picture_frame_, picture_boxes_, *scene, topic.room());
+  const std::size_t bytes = preview_.encode(picture_stamp_ns_, picture_boxes_, *scene, topic.room());
   if (bytes > 0) {
-    topic.publish(bytes, picture_frame_->colour_ns);
+    topic.publish(bytes, picture_stamp_ns_);
     Counters::add(counters_.pictures_sent, 1);
     pictured_ns_ = now_ns;
     annotate(*scene, now_ns);
   }
-  picture_frame_.reset();
+  has_picture_ = false;
 }
 
 void Publisher::take_words() {

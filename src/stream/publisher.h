@@ -32,7 +32,7 @@ class Publisher {
   void scene(const StreamScene& scene) { static_cast<void>(scenes_in_[0].try_push(StreamScene(scene))); }
   // Detector's thread; track thread where the preview is full.
   bool picture_wanted() const { return picture_turn_.wanted(); }
-  void picture(const FrameHandle& frame, const Detections& own);
+  void picture(const FrameSlot& frame, const Detections& own);
   // Health's thread.
   void health(const StreamHealth& health) { static_cast<void>(health_in_[0].publish(health)); }
   void log(LogLevel level, const char* name, std::string_view text);
@@ -47,8 +47,6 @@ class Publisher {
     take_picture(now_ns);
     take_words();
   }
-  /// Stream thread, at the end: lets go of a frame that waits for its scene.
-  void stop() { picture_frame_.reset(); }
 
   std::uint64_t poses_refused() const { return poses_in_[0].usage("stream.poses").refused; }
 
@@ -89,7 +87,10 @@ class Publisher {
   Nanoseconds objects_ns_ = 0, annotated_ns_ = 0, pictured_ns_ = 0;  // when last, monotonic
 
   Handover picture_turn_;
-  FrameHandle picture_frame_;  // the turn's owner's
+  // The turn's owner's, as the preview's pixels are:
+  bool has_picture_ = false;
+  std::uint64_t picture_sequence_ = 0;
+  Nanoseconds picture_stamp_ns_ = 0;
   Detections picture_boxes_;
   Nanoseconds picture_asked_ns_ = 0;
 

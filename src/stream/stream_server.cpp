@@ -63,7 +63,7 @@ bool StreamServer::picture_wanted() const {
   return impl_->publisher.picture_wanted();
 }
 
-void StreamServer::publish_picture(const FrameHandle& frame, const Detections& own) {
+void StreamServer::publish_picture(const FrameSlot& frame, const Detections& own) {
   impl_->publisher.picture(frame, own);
   impl_->web.wake();
 }
@@ -106,7 +106,6 @@ void StreamServer::service(int timeout_ms) {
 }
 
 void StreamServer::stop() {
-  impl_->publisher.stop();
   impl_->web.stop();
 }
 

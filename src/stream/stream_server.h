@@ -24,9 +24,6 @@ namespace stillmap {
 /// every publishing thread.
 class StreamServer {
  public:
-  /// How many frames of the pool it holds at most.
-  static constexpr int kFramesHeld = 1;
-
   /// Takes all memory that clients will need; opens nothing. With a planning arena that is all it is good
   /// for.
   StreamServer(const Config& config, Arena& arena);
@@ -50,8 +47,8 @@ class StreamServer {
   /// One thread: the detector's; where `stream.preview` is full, the track thread, after the frame's scene.
   /// True when a preview is due: at most ten times a second, and never without a client.
   bool picture_wanted() const;
-  /// The same thread. Shares the frame until it is encoded. `own`: what was detected on this very frame.
-  void publish_picture(const FrameHandle& frame, const Detections& own);
+  /// The same thread; a third of a millisecond. `own`: what was detected on this very frame.
+  void publish_picture(const FrameSlot& frame, const Detections& own);
 
   /// Map thread. True when a client waits for a newer cloud: at most once a second, and never without a
   /// client. Answer by filling `begin_cloud()` when the map has changed since the last one, and else by doing

@@ -46,7 +46,7 @@ PlaceIndex::PlaceIndex(Arena& arena, std::size_t keyframes, std::size_t features
   for (std::size_t t = 0; t < kTables; ++t) {
     Table& table = tables_[t];
     for (std::size_t i = 0; i < kKeyBits; ++i) table.bits[i] = even[kTables * i + t];
-    table.heads = arena.take<std::uint32_t>("places.buckets", std::size_t{1} << kKeyBits);
+    table.heads = arena.take<std::uint32_t>("places.buckets", std::size_t{1} << kBucketBits);
     table.next = arena.take<std::uint32_t>("places.chains", keyframes * features);
     table.keys = arena.take<std::uint16_t>("places.keys", keyframes * features);
   }
@@ -59,7 +59,7 @@ void PlaceIndex::clear() {
 }
 
 void PlaceIndex::take_out(Table& table, Node node) {
-  Node* link = &table.heads[table.keys[at(node)]];
+  Node* link = &table.head(table.keys[at(node)]);
   while (*link != kEnd && *link != node) link = &table.next[at(*link)];
   if (*link == node) *link = table.next[at(node)];
 }
@@ -81,10 +81,12 @@ void PlaceIndex::insert(std::size_t slot, std::span<const Descriptor> descriptor
   for (Table& table : tables_) {
     for (Node i = 0; i < descriptors.size(); ++i) {
       const std::uint16_t key = table.key_of(descriptors[i]);
-      Node& head = table.heads[key];
+      Node& head = table.head(key);
       table.keys[at(first + i)] = key;
-      // The newest node is the head: what this keyframe repeats is kept once.
-      if (head != kEnd && slot_of(head) == slot) continue;
+      // This keyframe's nodes are the chain's first: what it repeats is kept once.
+      Node own = head;
+      while (own != kEnd && slot_of(own) == slot && table.keys[at(own)] != key) own = table.next[at(own)];
+      if (own != kEnd && slot_of(own) == slot) continue;
       table.next[at(first + i)] = head;
       head = first + i;
     }
@@ -93,8 +95,10 @@ void PlaceIndex::insert(std::size_t slot, std::span<const Descriptor> descriptor
 
 void PlaceIndex::vote(const Descriptor& d, std::uint32_t voter) {
   resembled_.clear();
-  for (const Table& table : tables_) {
-    for (Node node = table.heads[table.key_of(d)]; node != kEnd; node = table.next[at(node)]) {
+  for (Table& table : tables_) {
+    const std::uint16_t key = table.key_of(d);
+    for (Node node = table.head(key); node != kEnd; node = table.next[at(node)]) {
+      if (table.keys[at(node)] != key) continue;
       ++visited_;
       Place& place = places_[slot_of(node)];
       if (place.last_voter == voter) continue;

@@ -46,16 +46,20 @@ class PlaceIndex {
   static constexpr std::size_t kTables = 5, kKeyBits = 16;
 
  private:
+  // Chains are shared by keys that differ in their first bits alone: a quarter of the memory, and a look at
+  // the key for each node.
+  static constexpr std::size_t kBucketBits = 14;
   /// One feature of one keyframe: slot << 16 | feature. Links of this form need no division to follow.
   using Node = std::uint32_t;
   static constexpr Node kEnd = ~Node{0};
-  /// Chains of nodes by key.
+  /// Chains of nodes by the last bits of their keys, the newest first.
   struct Table {
     std::array<std::uint8_t, kKeyBits> bits{};  // of the descriptor, that make the key
-    std::span<Node> heads;                      // by key
+    std::span<Node> heads;                      // by kBucketBits of the key
     std::span<Node> next;                       // by node
     std::span<std::uint16_t> keys;              // by node: its descriptor may be gone when it is taken out
     std::uint16_t key_of(const Descriptor& d) const;
+    Node& head(std::uint16_t key) { return heads[key % (std::size_t{1} << kBucketBits)]; }
   };
   struct Place {
     std::span<const Descriptor> descriptors;

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "track/grey.h"
 #include "track/keyframe_file.h"
 #include "track/point_trust.h"
 #include "track/pose_covariance.h"
@@ -48,6 +49,11 @@ Tracker::Tracker(Arena& arena, const Config& config)
       adjusts_(config.track.has("adjustment")),
       closes_loops_(config.track.has("loops")),
       T_base_camera_(mount_of(config)),
+      grey_{arena
+                .take<std::uint8_t>("grey", static_cast<std::size_t>(config.camera.width) *
+                                                static_cast<std::size_t>(config.camera.height))
+                .data(),
+            config.camera.width, config.camera.height, config.camera.width},
       extractor_(arena, config.track, config.camera),
       alignment_(arena, config.camera),
       frame_(arena, kFeatureCapacity),
@@ -112,8 +118,9 @@ const TrackingResult& Tracker::track(const FrameSlot& slot, const DynamicMask& m
   result_.is_keyframe = false;
   result_.inliers = result_.matches = 0;
 
-  alignment_.take(slot.grey);
-  extractor_.extract(slot.grey, frame_);
+  make_grey(slot.colour, grey_);
+  alignment_.take(grey_);
+  extractor_.extract(grey_, frame_);
   result_.features = static_cast<int>(frame_.features.size());
   const Pose T_depth_colour = inverse(predict(slot.depth_ns)) * predicted;
   sample_depth(slot.depth, config_.camera, T_depth_colour, frame_.features);

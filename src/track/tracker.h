@@ -96,6 +96,7 @@ class Tracker {
   /// What is not left out (track.without).
   bool weighs_trust_, checks_motion_, aligns_, adjusts_, closes_loops_;
   Pose T_base_camera_;
+  ImageView<std::uint8_t> grey_;  // of the frame at work
   FeatureExtractor extractor_;
   FrameAlignment alignment_;
   FrameFeatures frame_;

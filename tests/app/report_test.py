@@ -18,7 +18,7 @@ KEYS = {
     "throughput_fps": NUMBER, "cpu_s": NUMBER, "cpu_decode_s": NUMBER, "wall_s": NUMBER, "start_to_first_pose_ms": NUMBER,
     "detector": {"model": TEXT, "runs": COUNT, "latency_ms": QUANTILES, "frames_with_fresh_boxes": COUNT,
                  "frames_with_carried_boxes": COUNT, "frames_without_boxes": COUNT},
-    "memory": {"planned_bytes": COUNT, "rss_start_kb": COUNT, "rss_end_kb": COUNT, "rss_peak_kb": COUNT,
+    "memory": {"planned_bytes": COUNT, "rss_start_kb": COUNT, "rss_end_kb": COUNT, "major_faults": COUNT, "rss_peak_kb": COUNT,
                "heap_allocations_after_start": {k: COUNT for k in ("capture", "track", "map", "stream", "detect", "driver")},
                "pools": {k: POOL for k in ("frames", "points", "keyframes", "map_blocks")}},
     "shedding": {"steps": COUNT, "frames_shed": COUNT},

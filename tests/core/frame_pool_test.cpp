@@ -37,7 +37,6 @@ TEST_F(Pool, FramesDoNotOverlap) {
       for (int x = 0; x < kWidth; ++x) {
         const auto v = static_cast<std::uint8_t>(i + 1);
         slot.colour.at(x, y) = {v, v, v};
-        slot.grey.at(x, y) = v;
         slot.depth.at(x, y) = v;
       }
     }
@@ -46,7 +45,6 @@ TEST_F(Pool, FramesDoNotOverlap) {
     for (int y = 0; y < kHeight; ++y) {
       for (int x = 0; x < kWidth; ++x) {
         ASSERT_EQ(held[i]->colour.at(x, y).r, i + 1);
-        ASSERT_EQ(held[i]->grey.at(x, y), i + 1);
         ASSERT_EQ(held[i]->depth.at(x, y), i + 1);
       }
     }

@@ -91,7 +91,8 @@ TEST_P(EveryKernel, GivesTheBytesOfTheDefinition) {
       const int width = convolution.out_width(plain.c.width), height = convolution.out_height(plain.c.height);
       ASSERT_EQ(expected.size(), static_cast<std::size_t>(plain.c.shape.out_channels * width * height));
       std::vector<std::int8_t> out(expected.size() + 64, std::int8_t{99});
-      convolution.run(plain.in.data(), plain.c.width, plain.c.height, out.data());
+      std::vector<std::byte> scratch(convolution.scratch_bytes(plain.c.width, plain.c.height));
+      convolution.run(plain.in.data(), plain.c.width, plain.c.height, out.data(), scratch);
       EXPECT_TRUE(std::equal(expected.begin(), expected.end(), out.begin())) << kernels->name;
       EXPECT_EQ(std::count(out.begin() + static_cast<std::ptrdiff_t>(expected.size()), out.end(), 99), 64)
           << kernels->name << " writes beyond its output";
@@ -107,6 +108,7 @@ const Case kCases[] = {
     {"first_layer", {3, 24, 3, 3, 2, 1, 1, false}, 64, 50},
     {"dense_wide", {5, 6, 5, 3, 1, 2, 0, false}, 13, 11},
     {"dense_strided_pointwise", {6, 4, 1, 1, 2, 0, 0, false}, 13, 12},
+    {"dense_stride_8", {1, 2, 9, 9, 8, 4, 4, false}, 40, 24},
     {"depthwise_3", {5, 5, 3, 3, 1, 1, 1, true}, 33, 7},
     {"depthwise_3_strided", {4, 4, 3, 3, 2, 1, 1, true}, 33, 22},
     {"depthwise_5", {6, 6, 5, 5, 1, 2, 2, true}, 40, 32},
@@ -128,7 +130,8 @@ TEST(Int8Convolution, SumsAsLargeAsTheyCanBeDoNotOverflow) {
   for (const Int8Kernels* kernels : int8_kernels()) {
     const Int8Convolution convolution(*kernels, {depth, 1}, weights, bias, multiplier, 0, 0);
     std::int8_t out = 0;
-    convolution.run(in.data(), 1, 1, &out);
+    std::vector<std::byte> scratch(convolution.scratch_bytes(1, 1));
+    convolution.run(in.data(), 1, 1, &out, scratch);
     EXPECT_EQ(out, 64) << kernels->name;
   }
 }

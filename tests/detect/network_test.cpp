@@ -1,33 +1,41 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "detect/network.h"
 
-#include <gtest/gtest.h>
+#include <dlfcn.h>
+#include <gmock/gmock.h>
 
 #include <algorithm>
 #include <cmath>
+#include <fstream>
+#include <iterator>
 #include <opencv2/dnn.hpp>
 
+#include "core/random.h"
+#include "detect/int8_network.h"
 #include "tests/support/read_image.h"
 #include "tests/support/shared_folder.h"
 
 namespace stillmap {
 namespace {
 
-/// The real network's outputs on our kernels against those on OpenCV's. Both round alike but for ties, of
+const InputFormat kFormat{{103.53f, 116.28f, 123.675f}, {57.375f, 57.12f, 58.395f}};
+
+/// The real network's outputs on our layers against those on OpenCV's. Both round alike but for ties, of
 /// which the network has a handful.
-TEST(Network, OnOurKernelsAgreesWithOpenCv) {
+TEST(Network, OnOurLayersAgreesWithOpenCv) {
   STILLMAP_NEEDS_SHARED();
   const std::string file = test::shared_folder() / "models/nanodet_plus_m/nanodet_plus_m_int8.onnx";
   const test::Image<Bgr> colour =
       test::read_colour(test::shared_folder() / "data/fr1_rpy_walkers/rgb/1305031240.029620.jpg");
   cv::dnn::Net theirs = cv::dnn::readNetFromONNX(file);  // before ours takes its layers' place
 
-  const InputFormat format{{103.53f, 116.28f, 123.675f}, {57.375f, 57.12f, 58.395f}};
   // A picture of the input's shape, so that there are no bars beside it.
-  Network ours(Letterbox(640, 512, 320, 256), format);
+  const auto opened = open_network(file, Letterbox(640, 512, 320, 256), kFormat);
+  ASSERT_TRUE(opened.ok()) << opened.error().message;
+  Network& ours = *opened.value();
+  EXPECT_THAT(ours.library(), ::testing::HasSubstr("8-bit layers"));
   test::Image<Bgr> tall(640, 512);
   std::copy(colour.pixels.begin(), colour.pixels.end(), tall.pixels.begin());
-  ASSERT_TRUE(ours.load(file).ok());
   const std::vector<std::string> names{"cls_8", "reg_8", "cls_64", "reg_64"};
   ASSERT_TRUE(ours.run(tall.view()).ok());
   std::vector<std::size_t> chosen;
@@ -51,7 +59,7 @@ TEST(Network, OnOurKernelsAgreesWithOpenCv) {
         const int mean = (at(0, 0) + at(1, 0) + at(0, 1) + at(1, 1) + 2) >> 2;
         const auto channel = static_cast<std::size_t>(c);
         input.ptr<float>(0, c, y)[x] =
-            (static_cast<float>(mean) - format.mean[channel]) / format.deviation[channel];
+            (static_cast<float>(mean) - kFormat.mean[channel]) / kFormat.deviation[channel];
       }
     }
   }
@@ -70,6 +78,71 @@ TEST(Network, OnOurKernelsAgreesWithOpenCv) {
     }
     EXPECT_LT(difference, 0.15 * size) << names[i];
   }
+}
+
+std::unique_ptr<Network> on_opencv(const std::string& file, const Letterbox& letterbox) {
+  void* module = dlopen("libstillmap_network_opencv.so", RTLD_NOW | RTLD_LOCAL);
+  EXPECT_NE(module, nullptr) << dlerror();
+  auto opened =
+      reinterpret_cast<NetworkModuleEntry>(dlsym(module, kNetworkModuleEntry))(file, letterbox, kFormat);
+  EXPECT_TRUE(opened.ok());
+  return std::move(opened.value());
+}
+
+/// With the same kernels, OpenCV's other layers and ours give the same bytes: whoever changes from one to the
+/// other sees the same boxes.
+TEST(Network, OnOurLayersGivesTheBytesOfOpenCvOnOurKernels) {
+  STILLMAP_NEEDS_SHARED();
+  const std::string file = test::shared_folder() / "models/nanodet_plus_m/nanodet_plus_m_int8.onnx";
+  const auto frames = test::list_rgbd(test::shared_folder() / "data/fr1_rpy_walkers");
+  for (const auto [width, height] : {std::pair{640, 480}, std::pair{540, 360}}) {
+    const Letterbox letterbox(width, height, 320, 256);
+    const auto ours = open_network(file, letterbox, kFormat);
+    ASSERT_TRUE(ours.ok()) << ours.error().message;
+    const std::unique_ptr<Network> theirs = on_opencv(file, letterbox);
+    ASSERT_EQ(ours.value()->output_count(), 8u);
+    ASSERT_EQ(theirs->output_count(), 8u);
+    for (const std::size_t at : {10u, 90u, 170u}) {
+      const test::Image<Bgr> colour = test::read_colour(frames[at].colour);
+      const ImageView<const Bgr> view{colour.pixels.data() + 3, width, height, 640};
+      ASSERT_TRUE(ours.value()->run(view).ok());
+      ASSERT_TRUE(theirs->run(view).ok());
+      for (std::size_t i = 0; i < 8; ++i) {
+        const Tensor a = ours.value()->output(i);
+        std::size_t k = 0;
+        while (k < 8 && theirs->output(k).name != a.name) ++k;
+        ASSERT_LT(k, 8u) << a.name;
+        const Tensor b = theirs->output(k);
+        EXPECT_EQ(a.shape, b.shape);
+        EXPECT_TRUE(std::ranges::equal(a.values, b.values)) << a.name << " of frame " << at;
+      }
+    }
+  }
+}
+
+TEST(Network, ADamagedFileIsRefusedOrRunAndNeverMore) {
+  STILLMAP_NEEDS_SHARED();
+  std::ifstream file(test::shared_folder() / "models/nanodet_plus_m/nanodet_plus_m_int8.onnx",
+                     std::ios::binary);
+  const std::string sound{std::istreambuf_iterator<char>(file), {}};
+  const Letterbox letterbox(640, 480, 320, 256);
+  const auto open = [&](const std::string& bytes) {
+    const auto read = read_onnx(std::as_bytes(std::span(bytes)));
+    return read && Int8Network::open(*read, letterbox, kFormat).ok();
+  };
+  ASSERT_TRUE(open(sound));
+  EXPECT_FALSE(open(""));
+  EXPECT_FALSE(open(sound.substr(0, sound.size() - 1)));
+  EXPECT_FALSE(open(sound.substr(0, sound.size() / 2)));
+  // The graph's nodes come first: what says how layers hang together is among these bytes.
+  Random random(5);
+  int refused = 0;
+  for (int i = 0; i < 40; ++i) {
+    std::string damaged = sound;
+    damaged[random.below(60'000)] = static_cast<char>(random.below(256));
+    refused += open(damaged) ? 0 : 1;
+  }
+  EXPECT_GT(refused, 20);
 }
 
 }  // namespace

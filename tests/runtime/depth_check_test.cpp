@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "drivers/tum_log/tum_log.h"
-#include "runtime/capture.h"
 #include "tests/support/shared_folder.h"
 
 namespace stillmap {
@@ -17,15 +16,11 @@ constexpr int kWidth = 320, kHeight = 240;
 
 struct Slot : FrameSlot {
   Slot(int width, int height)
-      : colour_pixels(static_cast<std::size_t>(width * height)),
-        grey_pixels(colour_pixels.size()),
-        depth_pixels(colour_pixels.size()) {
+      : colour_pixels(static_cast<std::size_t>(width * height)), depth_pixels(colour_pixels.size()) {
     colour = {colour_pixels.data(), width, height, width};
-    grey = {grey_pixels.data(), width, height, width};
     depth = {depth_pixels.data(), width, height, width};
   }
   std::vector<Bgr> colour_pixels;
-  std::vector<std::uint8_t> grey_pixels;
   std::vector<std::uint16_t> depth_pixels;
 };
 
@@ -42,7 +37,7 @@ Slot posts(int shift, double units = 1000) {
   for (int y = 0; y < kHeight; ++y) {
     for (int x = 0; x < kWidth; ++x) {
       const auto is_post = [](int at) { return (at + 960) % 96 < 30; };
-      slot.grey.at(x, y) = is_post(x) ? 40 : 180;
+      slot.colour.at(x, y) = is_post(x) ? Bgr{40, 40, 40} : Bgr{180, 180, 180};
       slot.depth.at(x, y) = static_cast<std::uint16_t>((is_post(x - shift) ? 1 : 2) * units);
     }
   }
@@ -105,7 +100,6 @@ TEST(DepthCheck, ARealLogIsSoundAndTheSameLogMovedIsNot) {
     ASSERT_NE(r.status, GrabStatus::EndOfStream);
     if (r.status != GrabStatus::Frame) continue;
     ++frames;
-    make_grey(slot.colour, slot.grey);
     if (const auto v = sound.look(slot); v.fault != DepthFault::None) verdict_on_sound = v.fault;
     for (int y = 0; y < 480; ++y) {
       std::uint16_t* row = slot.depth.row(y);

@@ -38,6 +38,8 @@ struct MapStageBench {
   void take_frame(const FrameHandle& frame, bool own_boxes) {
     PosedFrame posed;
     posed.frame = frame.share();
+    posed.sequence = frame->sequence;
+    posed.stamp_ns = frame->colour_ns;
     posed.T_map_colour = posed.T_map_depth = WallScene::T_first_camera(static_cast<int>(frame->sequence));
     posed.T_map_colour = posed.T_map_depth = T_now_first * posed.T_map_colour;
     posed.T_map_keyframe = T_now_first;

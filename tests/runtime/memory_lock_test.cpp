@@ -8,7 +8,10 @@
 #include <unistd.h>
 
 #include <cstdlib>
+#include <filesystem>
 #include <fstream>
+#include <string>
+#include <utility>
 
 namespace stillmap {
 namespace {
@@ -22,6 +25,32 @@ long locked_kb() {
     if (word == "VmLck:" && status >> kb) return kb;
   }
   return -1;
+}
+
+/// Of this program's code: the KB that are mapped, and those in memory.
+std::pair<long, long> code_kb() {
+  const std::string program = std::filesystem::read_symlink("/proc/self/exe");
+  std::ifstream maps("/proc/self/smaps");
+  std::pair<long, long> kb{0, 0};
+  bool ours = false;
+  for (std::string line; std::getline(maps, line);) {
+    if (line.find(" r-xp ") != std::string::npos) ours = line.ends_with(program);
+    if (ours && line.starts_with("Size:")) kb.first += std::stol(line.substr(5));
+    if (ours && line.starts_with("Rss:")) {
+      kb.second += std::stol(line.substr(4));
+      ours = false;
+    }
+  }
+  return kb;
+}
+
+TEST(MemoryLockDeathTest, TheProgramIsInMemory) {
+  const auto check = [] {
+    static_cast<void>(lock_memory());
+    const auto [mapped, resident] = code_kb();
+    std::_Exit(mapped > 100 && resident == mapped ? 0 : 1);
+  };
+  EXPECT_EXIT(check(), ::testing::ExitedWithCode(0), "");
 }
 
 TEST(MemoryLockDeathTest, LocksOrWarnsWithTheMend) {

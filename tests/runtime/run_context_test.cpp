@@ -3,7 +3,6 @@
 
 #include <gtest/gtest.h>
 
-#include "runtime/capture.h"
 #include "tests/runtime/pipeline.h"
 
 namespace stillmap {
@@ -20,7 +19,6 @@ struct TrackFrameBench {
     FrameSlot& slot = frame.writable();
     scene.draw(index, slot);
     if (blank) std::fill_n(slot.colour.data, WallScene::kWidth * WallScene::kHeight, Bgr{});
-    make_grey(slot.colour, slot.grey);
     slot.sequence = static_cast<std::uint64_t>(index);
     slot.due_ns = monotonic_now();
     return track_frame(*pipeline.context, *frame);
@@ -65,7 +63,6 @@ TEST(AdaptQuality, LateFramesGiveUpDetectorFeaturesAndFusionAndTakeThemBack) {
     FrameHandle frame = bench.pipeline.stages->frames.acquire();
     FrameSlot& slot = frame.writable();
     bench.scene.draw(next, slot);
-    make_grey(slot.colour, slot.grey);
     slot.sequence = static_cast<std::uint64_t>(next++);
     track_frame(context, *frame);
     const std::size_t features = bench.pipeline.stages->track.tracker().features().size();

@@ -25,9 +25,6 @@ struct TrackStageBench {
     scene.draw(index, frame.writable());
     FrameSlot& slot = frame.writable();
     slot.sequence = static_cast<std::uint64_t>(index);
-    for (int y = 0; y < slot.grey.height; ++y) {
-      for (int x = 0; x < slot.grey.width; ++x) slot.grey.at(x, y) = slot.colour.at(x, y).g;
-    }
     return stage.step(slot);
   }
   static Detections boxes(int index) {

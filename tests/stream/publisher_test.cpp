@@ -103,7 +103,7 @@ TEST_F(PublisherTest, APictureLeavesWithItsScene) {
   wanted = {Channel::Picture, Channel::Annotations};
   round();
   ASSERT_TRUE(publisher.picture_wanted());
-  publisher.picture(frame, {});
+  publisher.picture(*frame, {});
   EXPECT_FALSE(publisher.picture_wanted()) << "one at a time";
   round();
   EXPECT_EQ(messages(Channel::Picture), 0U) << "the tracker may still be at it";
@@ -117,7 +117,7 @@ TEST_F(PublisherTest, APictureLeavesWithItsScene) {
 TEST_F(PublisherTest, APictureOfWhichNotAllIsKnownStaysHere) {
   wanted = {Channel::Picture};
   round();
-  publisher.picture(frame, {});
+  publisher.picture(*frame, {});
   scene(2);  // the tracker never saw this frame
   round();
   EXPECT_EQ(messages(Channel::Picture), 0U);
@@ -127,7 +127,7 @@ TEST_F(PublisherTest, APictureOfWhichNotAllIsKnownStaysHere) {
   ASSERT_TRUE(publisher.picture_wanted());
   frame.reset();
   next_frame.writable().sequence = 9;
-  publisher.picture(next_frame, {});
+  publisher.picture(*next_frame, {});
   for (int i = 0; i < 6; ++i) round();
   EXPECT_EQ(counters.pictures_withheld.load(), 2U);
   EXPECT_EQ(messages(Channel::Picture), 0U);
@@ -138,7 +138,7 @@ TEST_F(PublisherTest, APictureOfWhichNotAllIsKnownStaysHere) {
 TEST_F(PublisherTest, NobodyLeftLetsGoOfTheFrame) {
   wanted = {Channel::Picture};
   round();
-  publisher.picture(frame, {});
+  publisher.picture(*frame, {});
   wanted.clear();
   round();
   frame.reset();
@@ -197,7 +197,7 @@ TEST_F(PublisherTest, TheMostThatAFrameHoldsFitsAndCostsNoHeap) {
     publisher.health({.state = "initializing"});
     publisher.log(LogLevel::Warning, "a name that is too long for it", std::string(300, 'x'));
     publisher.scene(full);
-    publisher.picture(frame, {});
+    publisher.picture(*frame, {});
     round();
     round();
   };
@@ -206,7 +206,7 @@ TEST_F(PublisherTest, TheMostThatAFrameHoldsFitsAndCostsNoHeap) {
   for (int i = 0; i < 5; ++i) {
     publisher.pose({.stamp_ns = full.stamp_ns});
     publisher.scene(full);
-    publisher.picture(frame, {});
+    publisher.picture(*frame, {});
     round();
     round();
   }
@@ -224,7 +224,7 @@ struct LargePublisherTest : PublisherTest {
 TEST_F(LargePublisherTest, LargePicturesBecomeSmallOnesWithACalibrationToMatch) {
   wanted = {Channel::Picture, Channel::Calibration};
   round();
-  publisher.picture(frame, {});
+  publisher.picture(*frame, {});
   scene(1);
   round();
   EXPECT_EQ(messages(Channel::Picture), 1U);

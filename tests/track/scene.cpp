@@ -15,10 +15,7 @@ Config synthetic_config() {
 
 Image<std::uint8_t> grey_of(const std::vector<Bgr>& colour, int width, int height) {
   Image<std::uint8_t> grey(width, height);
-  for (std::size_t i = 0; i < colour.size(); ++i) {
-    const Bgr c = colour[i];
-    grey.pixels[i] = static_cast<std::uint8_t>((29 * c.b + 150 * c.g + 77 * c.r + 128) >> 8);
-  }
+  std::ranges::transform(colour, grey.pixels.begin(), luma);
   return grey;
 }
 
@@ -32,7 +29,6 @@ FrameSlot Scene::slot(std::uint64_t sequence) {
   slot.sequence = sequence;
   slot.colour_ns = slot.depth_ns = truth.stamp_ns;
   slot.colour = {truth.colour.data(), 640, 480, 640};
-  slot.grey = grey.view();
   slot.depth = {truth.depth.data(), 640, 480, 640};
   return slot;
 }

@@ -85,7 +85,7 @@ TEST_F(TrackerSegments, ACoveredLensBeginsNone) {
   for (int i = 0; i < 10; ++i) see(here_, i);
   for (int i = 0; i < 40; ++i) {
     Scene dark(here_, 10);
-    std::fill(dark.grey.pixels.begin(), dark.grey.pixels.end(), std::uint8_t{7});
+    std::fill(dark.truth.colour.begin(), dark.truth.colour.end(), Bgr{7, 7, 7});
     FrameSlot slot = dark.slot(sequence_);
     slot.colour_ns = slot.depth_ns = static_cast<Nanoseconds>(1'000'000'000 + sequence_ * kFrame_ns);
     ++sequence_;

@@ -105,7 +105,7 @@ TEST(Tracker, TakesNothingFromTheHeap) {
   int lost = 0;
   for (int i = 0; i < 30; ++i) {
     Scene scene(log, i);
-    if (i >= 12 && i < 15) std::fill(scene.grey.pixels.begin(), scene.grey.pixels.end(), std::uint8_t{0});
+    if (i >= 12 && i < 15) std::fill(scene.truth.colour.begin(), scene.truth.colour.end(), Bgr{});
     DynamicMask mask = scene.mask();
     // Some of the room is semi-static, so that the epipolar check runs too.
     for (std::size_t c = 0; c < 80 * 20; ++c) {

@@ -15,7 +15,7 @@ using test::Tracked;
 using test::TrackerScene;
 
 void darken(Scene& scene) {
-  std::fill(scene.grey.pixels.begin(), scene.grey.pixels.end(), std::uint8_t{0});
+  std::fill(scene.truth.colour.begin(), scene.truth.colour.end(), Bgr{});
 }
 void take_depth(Scene& scene) {
   std::fill(scene.truth.depth.begin(), scene.truth.depth.end(), std::uint16_t{0});
@@ -205,12 +205,10 @@ TEST(TrackerWorld, FollowsARecordedLog) {
   for (std::size_t i = 0; i < 60; ++i) {
     test::Image<Bgr> colour = test::read_colour(files[i].colour);
     test::Image<std::uint16_t> depth = test::read_depth(files[i].depth);
-    test::Image<std::uint8_t> grey = test::grey_of(colour.pixels, 640, 480);
     FrameSlot slot;
     slot.sequence = i;
     slot.colour_ns = slot.depth_ns = static_cast<Nanoseconds>(i) * 33'333'333;
     slot.colour = colour.view();
-    slot.grey = grey.view();
     slot.depth = depth.view();
     const TrackingResult& result = tracker.track(slot, {});
     EXPECT_TRUE(result.has_pose()) << i;

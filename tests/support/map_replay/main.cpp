@@ -62,6 +62,8 @@ struct Replay {
     carrier.carry(frame->colour_ns, *T_map_colour, carried);
     carried.sequence = frame->sequence;
     segment(carried, frame->depth, config.camera, config.track.dynamic_rule, posed.mask);
+    posed.sequence = frame->sequence;
+    posed.stamp_ns = frame->colour_ns;
     posed.frame = std::move(frame);
     stages.map.take_frame(std::move(posed));
   }
