@@ -322,6 +322,7 @@ Status run(const RunOptions& asked) {
   Arena planning;
   plan_memory(planning, config, parts);
   if (Status s = check_budget(planning, config); !s.ok()) return s;
+  malloc_trim(0);  // what reading the network took for a moment goes back before the rest is taken
   Arena arena(planning.bytes_planned());
   const auto stages = std::make_unique<Stages>(arena, config, parts);
   if (resumed) {
@@ -354,7 +355,6 @@ Status run(const RunOptions& asked) {
     context->record = record.get();
   }
   if (Status s = source.value().driver->start(); !s.ok()) return s;
-  malloc_trim(0);  // what building took for a moment goes back before the rest is held
   if (config.memory.lock) {
     if (const std::string warning = lock_memory(); !warning.empty()) spdlog::warn("{}", warning);
   }
