@@ -33,7 +33,7 @@ LIBRARIES = {
     "libcamera": (("libcamera/",), None),
 }
 WITHOUT_OPENCV = {"core", "map", "stream", "eval"}
-SYSTEM = re.compile(r"[a-z_0-9]+|(sys|linux|netinet|arpa)/[a-z_0-9-]+\.h|(arm_neon|dlfcn|errno|fcntl|immintrin|malloc|netdb|poll|pthread|sched|signal|time|unistd)\.h")
+SYSTEM = re.compile(r"[a-z_0-9]+|(sys|linux|netinet|arpa)/[a-z_0-9-]+\.h|(arm_neon|dlfcn|errno|fcntl|immintrin|link|malloc|netdb|poll|pthread|sched|signal|time|unistd)\.h")
 LOCKS = re.compile(r"<(mutex|shared_mutex|condition_variable|semaphore)>|\b(std::(\w*mutex|\w+_lock|lock_guard)\b|std::condition_variable|"
                    r"pthread_(mutex|cond|spin|rwlock)_|sleep_for\b|sleep_until\b|u?sleep\(|nanosleep\()")
 STDOUT = re.compile(r"\bstd::cout\b|\bstdout\b|(?<![a-z_])(printf|puts|putchar)\(")

@@ -11,8 +11,8 @@
 
 namespace stillmap {
 
-/// A network that finds the objects of a colour picture. One thread at a time. OpenCV's dnn, which runs the
-/// network, takes heap memory for every picture; nothing else here does after open().
+/// A network that finds the objects of a colour picture. One thread at a time. After open() nothing here takes
+/// heap memory but OpenCV, where a network runs on that: see open_network().
 class Detector {
  public:
   /// Loads the network and proves it on one blank picture of the camera's size, which also warms it up.
@@ -22,7 +22,7 @@ class Detector {
   ~Detector();
 
   /// The objects of `frame.colour`, which has the camera's size (checked), with the frame's sequence number
-  /// and colour stamp. False, with no objects, when the library failed.
+  /// and colour stamp. False, with no objects, when a library failed.
   [[nodiscard]] bool run(const FrameSlot& frame, Detections& out);
 
   /// One line for people: file, input size, classes, library.
