@@ -162,7 +162,7 @@ TEST_F(PublisherTest, ClassesThatMoveAndPeopleArePixelatedWhateverTheirKind) {
     round();
     Detections own;
     EXPECT_TRUE(own.items.try_push_back({.box = {0, 0, 640, 480}, .class_id = class_id, .kind = kind}));
-    publisher.picture(frame, own);
+    publisher.picture(*frame, own);
     scene(1);
     round();
     return last(Channel::Picture).text(2).size();

@@ -88,7 +88,7 @@ void track(StreamServer& server, FramePool& frames) {
         frame.writable().sequence = static_cast<std::uint64_t>(i);
         frame.writable().colour_ns = pose_at(i).stamp_ns;
         paint(frame.writable());
-        server.publish_picture(frame, person());
+        server.publish_picture(*frame, person());
       }
     }
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
