@@ -146,6 +146,7 @@ TEST(Capture, ALogWaitsForThePool) {
     EXPECT_EQ(frame->colour.at(0, 0).b, i);
     held.push_back(std::move(frame));
   }
+  held.clear();
   FrameHandle none;
   EXPECT_EQ(bench.next(none), Capture::Outcome::End);
   EXPECT_EQ(bench.counters.offered.load(), 10u);
