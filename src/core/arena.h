@@ -58,7 +58,7 @@ class Arena {
   std::byte* memory_ = nullptr;
   std::size_t capacity_ = 0;
   std::size_t used_ = 0;
-  FixedVector<PlanLine, 224> lines_;
+  FixedVector<PlanLine, 256> lines_;
 };
 
 }  // namespace stillmap
