@@ -11,8 +11,8 @@
 
 namespace stillmap {
 
-/// A network that finds the objects of a colour picture. One thread at a time. After open() nothing here takes
-/// heap memory but OpenCV, where a network runs on that: see open_network().
+/// A network that finds the objects of a colour picture. One thread at a time. After open() nothing here
+/// takes heap memory but OpenCV, where a network runs on that: see open_network().
 class Detector {
  public:
   /// Loads the network and proves it on one blank picture of the camera's size, which also warms it up.
