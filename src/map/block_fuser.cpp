@@ -99,12 +99,13 @@ void BlockFuser::fuse_row(Vec3 begin_map, const Point& begin, const Point& step,
         case Evidence::Free:
           change.shown |= miss(voxel);
           break;
-        case Evidence::Occupied:
-          if (trail_ != nullptr && !voxel.occupied() &&
-              trail_->near(begin_map + Vec3{static_cast<double>(i) * voxel_m_, 0, 0}))
-            break;
-          if (const Bgr* colour = colour_at(p)) change.shown |= hit(voxel, *colour);
+        case Evidence::Occupied: {
+          const bool waits = trail_ != nullptr && !voxel.occupied() &&
+                             trail_->near(begin_map + Vec3{static_cast<double>(i) * voxel_m_, 0, 0});
+          if (const Bgr* colour = colour_at(p))
+            change.shown |= hit(voxel, *colour, waits ? Voxel::kOccupied - 1 : Voxel::kMax);
           break;
+        }
       }
       change.known |= voxel.occupancy() != before;
     }
@@ -131,9 +132,9 @@ const Bgr* BlockFuser::colour_at(const Point& p_depth) const {
   return pixel.u < 0 ? nullptr : &colour_.at(pixel.u, pixel.v);
 }
 
-bool BlockFuser::hit(Voxel& voxel, const Bgr& colour) const {
+bool BlockFuser::hit(Voxel& voxel, const Bgr& colour, int most) const {
   const Voxel before = voxel;
-  voxel.log_odds = static_cast<std::int8_t>(std::min(voxel.log_odds + looks_ * Voxel::kHit, Voxel::kMax));
+  voxel.log_odds = static_cast<std::int8_t>(std::min(voxel.log_odds + looks_ * Voxel::kHit, most));
   const int weight = voxel.colour_weight;
   voxel.colour = {averaged(before.colour.b, colour.b, weight), averaged(before.colour.g, colour.g, weight),
                   averaged(before.colour.r, colour.r, weight)};

@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "map/mover_trail.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
+
+#include <vector>
 
 #include "tests/map/map_scene.h"
 
@@ -114,6 +117,21 @@ TEST(MoverTrail, APersonMissedForTwoFramesLeavesNothingInTheMap) {
   };
   EXPECT_EQ(occupied_before_wall(3), 0);
   EXPECT_GT(occupied_before_wall(100), 100) << "the scene is no test";
+}
+
+/// A wall that a mover was in reach of is mapped by the first look after the mover has gone on.
+TEST(MoverTrail, WhatIsSeenBesideAMoverWaitsForOneLookMore) {
+  TrailBench b;
+  std::vector<std::uint64_t> occupied;
+  for (std::uint32_t frame = 0; frame <= MoverTrail::kFrames + 1; ++frame) {
+    b.person.mask = frame == 0 ? TrailBench::mover_in_columns(0, 20) : TrailBench::silhouette();
+    ASSERT_EQ(b.scene.map().fuse(b.scene.input(b.person, {})), FuseOutcome::Fused);
+    occupied.push_back(b.scene.map().occupied_voxels());
+  }
+  const std::uint64_t after = occupied.back();
+  occupied.pop_back();
+  EXPECT_THAT(occupied, testing::Each(testing::Lt(10u)));  // a full bucket of the trail forgets a place
+  EXPECT_GT(after, 100u);
 }
 
 }  // namespace
