@@ -5,6 +5,7 @@
 #include <libwebsockets.h>
 
 #include <atomic>
+#include <chrono>
 #include <cstdio>
 #include <iostream>
 #include <string>
@@ -17,6 +18,7 @@ namespace {
 using namespace stillmap;
 
 std::atomic<bool> running{true}, frozen{false};
+bool clock_stamps = false;  // poses carry the moment they are published at
 std::atomic<std::uint64_t> library_allocations{0};
 
 void* counting_realloc(void* memory, std::size_t bytes, const char*) {
@@ -80,7 +82,13 @@ StreamScene scene_at(std::int64_t i) {
 /// Poses every 10 ms, and what the runtime does with them: scenes and pictures where they are wanted.
 void track(StreamServer& server, FramePool& frames) {
   for (std::int64_t i = 0; running; ++i) {
-    server.publish_pose(pose_at(i));
+    StreamPose pose = pose_at(i);
+    if (clock_stamps) {
+      pose.stamp_ns = std::chrono::duration_cast<std::chrono::nanoseconds>(
+                          std::chrono::system_clock::now().time_since_epoch())
+                          .count();
+    }
+    server.publish_pose(pose);
     if (server.scene_wanted()) server.publish_scene(scene_at(i));
     if (server.picture_wanted()) {
       FrameHandle frame = frames.acquire();
@@ -184,6 +192,7 @@ int main(int argc, char** argv) {
     if (option == "--certificate") config.stream.tls_certificate = value;
     if (option == "--key") config.stream.tls_key = value;
     if (option == "--blocks") blocks = std::stoi(value);
+    if (option == "--stamps") clock_stamps = value == "clock";
   }
   Arena plan;
   StreamServer planned(config, plan);
