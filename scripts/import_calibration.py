@@ -18,9 +18,17 @@ class Unusable(Exception):
 
 
 def number_list(value, count, what):
-    if not isinstance(value, list) or len(value) < count or not all(isinstance(v, (int, float)) for v in value[:count]):
+    def is_number(v):
+        return isinstance(v, (int, float)) and not isinstance(v, bool) and abs(v) < 1e9  # no camera has more; NaN neither
+    if not isinstance(value, list) or len(value) < count or not all(map(is_number, value)):
         raise Unusable(f"{what} must be a list of {count} numbers; calibrate again")
     return [float(v) for v in value]
+
+
+def table(text, key):
+    if not isinstance(text[key], dict):
+        raise Unusable(f"{key} is no table of keys and values; calibrate again")
+    return text[key]
 
 
 def lens(size, intrinsics, model, known_models, coefficients):
@@ -32,17 +40,17 @@ def lens(size, intrinsics, model, known_models, coefficients):
 
 
 def from_ros(text):
-    matrix = number_list(text["camera_matrix"]["data"], 9, "camera_matrix")
+    matrix = number_list(table(text, "camera_matrix")["data"], 9, "camera_matrix")
     size = number_list([text["image_width"], text["image_height"]], 2, "image_width, image_height")
     return lens(size, (matrix[0], matrix[4], matrix[2], matrix[5]), text["distortion_model"], ("plumb_bob",),
-                number_list(text["distortion_coefficients"]["data"], 4, "distortion_coefficients"))
+                number_list(table(text, "distortion_coefficients")["data"], 4, "distortion_coefficients"))
 
 
 def from_kalibr(camera):
     if camera.get("camera_model") != "pinhole":
         raise Unusable(f"camera model '{camera.get('camera_model')}' is not pinhole; calibrate again with pinhole-radtan")
     return lens(number_list(camera["resolution"], 2, "resolution"), number_list(camera["intrinsics"], 4, "intrinsics"),
-                camera["distortion_model"], ("radtan", "none"), camera.get("distortion_coeffs") or [])
+                camera["distortion_model"], ("radtan", "none"), number_list(camera.get("distortion_coeffs") or [], 0, "distortion_coeffs"))
 
 
 def inverse(transform):
@@ -73,12 +81,17 @@ def read(path):
         if "cam0" not in text:
             raise Unusable("is neither a ROS camera_info (camera_matrix) nor a Kalibr camchain (cam0)")
         if "cam1" not in text:
-            return from_kalibr(text["cam0"]), None, None
-        rotation, translation = inverse([number_list(row, 4, "T_cn_cnm1") for row in text["cam1"]["T_cn_cnm1"]])
-        return from_kalibr(text["cam0"]), from_kalibr(text["cam1"]), translation + quaternion(rotation)
+            return from_kalibr(table(text, "cam0")), None, None
+        rows = table(text, "cam1")["T_cn_cnm1"]
+        if not isinstance(rows, list) or len(rows) < 3:
+            raise Unusable("T_cn_cnm1 must be a list of 4 rows; calibrate again")
+        rotation, translation = inverse([number_list(row, 4, "T_cn_cnm1") for row in rows])
+        return from_kalibr(table(text, "cam0")), from_kalibr(table(text, "cam1")), translation + quaternion(rotation)
     except KeyError as missing:
         raise Unusable(f"has no {missing}; calibrate again") from None
-    except (OSError, yaml.YAMLError) as error:
+    except RecursionError:
+        raise Unusable("is nested too deeply for a calibration") from None
+    except (OSError, ValueError, yaml.YAMLError) as error:
         raise Unusable(str(error).replace("\n", " ")) from None
 
 

@@ -2,6 +2,9 @@
 """import_calibration.py: both kinds of calibration to a profile, and its words about what it cannot use."""
 import math
 import os
+import random
+import re
+import runpy
 import subprocess
 import tempfile
 import tomllib
@@ -77,6 +80,39 @@ class ImportTest(unittest.TestCase):
                 self.assertEqual((result.returncode, result.stdout), (1, ""))
                 self.assertEqual(len(result.stderr.splitlines()), 1)
                 self.assertIn(words, result.stderr)
+
+    def test_damage_of_any_kind_is_refused_or_harmless(self):
+        """Hundreds of damaged calibrations: a profile of finite numbers, or one line."""
+        module = runpy.run_path(str(SCRIPT))
+        chance, words = random.Random(1), ["nan", ".inf", "-1", "1e400", "null", "[]", "{}", "~", "true", "9" * 20, "[[1]]", "&a [*a]", "2001-13-41"]
+        refused = 0
+        for _ in range(200):
+            text = chance.choice([ROS, KALIBR, KALIBR + CAM1])
+            for _ in range(chance.randint(1, 3)):
+                at = chance.randrange(len(text))
+                numbers = list(re.finditer(r"-?\d+(\.\d+)?", text))
+                damage = chance.randrange(4)
+                if damage == 0:
+                    text = text[:at] + chance.choice("\0\t\n \"':[]{}\xe9\u2028") + text[at + 1:]
+                elif damage == 1:
+                    text = "\n".join(line for line in text.split("\n") if chance.random() > 0.1) or "x"
+                elif damage == 2 and numbers:
+                    number = chance.choice(numbers)
+                    text = text[:number.start()] + chance.choice(words) + text[number.end():]
+                else:
+                    text = text[:at] or "x"
+            with self.subTest(text=text), tempfile.NamedTemporaryFile("w", encoding="utf-8") as file:
+                file.write(text)
+                file.flush()
+                try:
+                    colour, depth, pose = module["read"](file.name)
+                except module["Unusable"] as error:
+                    refused += 1
+                    self.assertNotIn("\n", str(error))
+                    continue
+                self.assertTrue(all(math.isfinite(v) for v in [*colour.values(), *(depth or {}).values(), *(pose or [])]))
+        self.assertGreater(refused, 60)
+        self.assertLess(refused, 200)
 
 
 if __name__ == "__main__":
