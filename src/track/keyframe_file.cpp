@@ -3,11 +3,15 @@
 
 #include <algorithm>
 #include <bit>
+#include <cmath>
 #include <cstring>
+#include <limits>
 #include <optional>
 #include <string>
 #include <type_traits>
 #include <unordered_map>
+
+#include "track/pyramid.h"
 
 namespace stillmap {
 
@@ -102,6 +106,41 @@ void put_point(const MapPoint& point, const Pose& T_map_odom, Room& room) {
                        .descriptor = point.descriptor});
 }
 
+// A file's bytes are a stranger's. What the tracker takes for granted is looked at here, once.
+constexpr std::uint32_t kLargestId = 1U << 31;  // no robot makes as many; later ones must not wrap
+
+bool is_finite(Vec3 v) {
+  return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z);
+}
+
+bool is_sound(const KeyframeRecord& record) {
+  if (record.id == 0 || record.id > kLargestId || record.features > Keyframe::kMaxFeatures ||
+      record.tracked_points > Keyframe::kMaxFeatures || !is_finite(record.T_map_camera))
+    return false;
+  const Mat3 rest = transposed(record.T_map_camera.R) * record.T_map_camera.R;
+  return std::abs(rest(0, 0) - 1) < 1e-3 && std::abs(rest(1, 1) - 1) < 1e-3 &&
+         std::abs(rest(2, 2) - 1) < 1e-3;
+}
+
+bool is_sound(const FeatureRecord& f) {
+  return f.octave < Pyramid::kMaxLevels && std::isfinite(f.ray_x) && std::isfinite(f.ray_y) &&
+         std::isfinite(f.depth_m) && f.depth_m >= 0;
+}
+
+bool is_sound(const PointRecord& point) {
+  constexpr std::uint32_t kMost = std::numeric_limits<std::uint16_t>::max();
+  return is_finite(point.p_map) && is_finite(point.view_direction) &&
+         std::ranges::all_of(point.information, [](double v) { return std::isfinite(v); }) &&
+         std::isfinite(point.reference_distance_m) && point.reference_distance_m > 0 &&
+         point.reference_octave < Pyramid::kMaxLevels && point.visible <= kMost && point.found <= kMost;
+}
+
+FeatureRecord feature_at(std::span<const std::byte> features, std::size_t i) {
+  FeatureRecord f;
+  std::memcpy(&f, features.data() + i * sizeof(f), sizeof(f));
+  return f;
+}
+
 /// Calls `keyframe(record, its features as bytes)` and `point(record)` for each record; false where the bytes
 /// are none.
 template <class OnKeyframe, class OnPoint>
@@ -118,12 +157,14 @@ bool for_each_record(std::span<const std::byte> bytes, OnKeyframe&& on_keyframe,
     std::memcpy(&kind, bytes.data(), sizeof(kind));
     if (KeyframeRecord keyframe; kind == kKeyframe && take(keyframe)) {
       const std::size_t size = keyframe.features * sizeof(FeatureRecord);
-      if (keyframe.features > Keyframe::kMaxFeatures || bytes.size() < size ||
-          !is_finite(keyframe.T_map_camera))
-        return false;
+      if (!is_sound(keyframe) || bytes.size() < size) return false;
+      for (std::size_t i = 0; i < keyframe.features; ++i) {
+        if (!is_sound(feature_at(bytes, i))) return false;
+      }
       on_keyframe(keyframe, bytes.first(size));
       bytes = bytes.subspan(size);
     } else if (PointRecord point; kind == kPoint && take(point)) {
+      if (!is_sound(point)) return false;
       on_point(point);
     } else {
       return false;
@@ -157,8 +198,7 @@ void put_into(LocalMap& map, const KeyframeRecord& record, std::span<const std::
   keyframe.T_odom_camera = record.T_map_camera;
   keyframe.tracked_points = static_cast<int>(record.tracked_points);
   for (std::size_t i = 0; i < record.features; ++i) {
-    FeatureRecord f;
-    std::memcpy(&f, features.data() + i * sizeof(f), sizeof(f));
+    const FeatureRecord f = feature_at(features, i);
     const auto ref = refs.find(f.point_id);
     static_cast<void>(
         keyframe.features.try_push_back({f.ray_x, f.ray_y, f.depth_m, static_cast<std::uint8_t>(f.octave),

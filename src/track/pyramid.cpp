@@ -71,12 +71,15 @@ STILLMAP_VECTOR_CLONES void smooth_level(ImageView<const std::uint8_t> from, Ima
 }  // namespace
 
 Pyramid::Pyramid(Arena& arena, int width, int height, int levels, double scale_factor) : levels_(levels) {
-  double scale = 1;
-  for (int level = 0; level < levels; ++level, scale *= scale_factor) {
+  double next_scale = 1;
+  for (double& s : scales_) {
+    s = next_scale;  // of all: the keyframes of a resumed map may know more levels than this run
+    next_scale *= scale_factor;
+  }
+  for (int level = 0; level < levels; ++level) {
     const auto l = static_cast<std::size_t>(level);
-    scales_[l] = scale;
-    const int w = static_cast<int>(std::lround(width / scale)),
-              h = static_cast<int>(std::lround(height / scale));
+    const int w = static_cast<int>(std::lround(width / scales_[l])),
+              h = static_cast<int>(std::lround(height / scales_[l]));
     const auto pixels = static_cast<std::size_t>(w) * static_cast<std::size_t>(h);
     if (level > 0) resampled_[l] = {arena.take<std::uint8_t>("pyramid.level", pixels).data(), w, h, w};
     smooth_[l] = {arena.take<std::uint8_t>("pyramid.smooth", pixels).data(), w, h, w};

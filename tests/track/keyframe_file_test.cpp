@@ -3,6 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include <cstring>
+#include <limits>
 #include <memory>
 #include <vector>
 
@@ -136,6 +138,29 @@ TEST_F(KeyframeFile, CutOrForeignBytesAreRefusedWhole) {
   wrong[125] = std::byte{255};
   EXPECT_TRUE(refused(wrong));
   EXPECT_FALSE(refused({}));
+}
+
+TEST_F(KeyframeFile, WhatTheTrackerCouldNotLiveWithIsRefused) {
+  constexpr std::size_t kHead = 128, kFeature = 56, kKeyframe = kHead + 300 * kFeature,
+                        kPoints0 = 6 * kKeyframe;
+  const float nan = std::numeric_limits<float>::quiet_NaN();
+  const double infinite = std::numeric_limits<double>::infinity();
+  const auto refused = [&](std::size_t at, auto value) {
+    std::vector<std::byte> bytes = written();
+    std::memcpy(bytes.data() + at, &value, sizeof(value));
+    const auto back = std::make_unique<Memory>(kKeyframes, kPoints);
+    return !read_keyframes(bytes, back->map).ok() && back->map.newest_keyframe() == nullptr;
+  };
+  EXPECT_FALSE(refused(8, std::uint64_t{1} << 60)) << "any sequence number is good";
+  EXPECT_TRUE(refused(4, std::uint32_t{0})) << "id";
+  EXPECT_TRUE(refused(4, ~std::uint32_t{0})) << "id that leaves no later one";
+  EXPECT_TRUE(refused(24, 2.0)) << "rotation that stretches";
+  EXPECT_TRUE(refused(kHead, nan)) << "ray of a feature";
+  EXPECT_TRUE(refused(kKeyframe + kHead + 8, -1.f)) << "depth";
+  EXPECT_TRUE(refused(kHead + 12, std::uint32_t{8})) << "octave";
+  EXPECT_TRUE(refused(kPoints0 + 8, infinite)) << "place of a point";
+  EXPECT_TRUE(refused(kPoints0 + 104, 0.0)) << "distance that it was seen from";
+  EXPECT_TRUE(refused(kPoints0 + 112, std::uint32_t{8})) << "its octave";
 }
 
 TEST_F(KeyframeFile, ACopierGivesTheSameBytesInBoundedParts) {
