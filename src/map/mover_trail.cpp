@@ -11,7 +11,7 @@ MoverTrail::MoverTrail(Arena& arena, const CameraModel& camera, const RayTable& 
 
 MoverTrail::Cell MoverTrail::cell_of(Vec3 p_map) const {
   const auto cell = [](double m) { return static_cast<std::int32_t>(std::floor(m / kCell_m)); };
-  return {cell(p_map.x), cell(p_map.y), cell(p_map.z), frame_, 0};
+  return {cell(p_map.x), cell(p_map.y), cell(p_map.z), frame_, kNever};
 }
 
 std::size_t MoverTrail::bucket_of(const Cell& cell) {
@@ -49,7 +49,7 @@ void MoverTrail::mark_around(const Cell& middle) {
     for (int y = -kReach; y <= kReach; ++y) {
       for (int x = -kReach; x <= kReach; ++x) {
         if (x * x + y * y + z * z <= kReach * kReach)
-          marked({middle.x + x, middle.y + y, middle.z + z, frame_, 0});
+          marked({middle.x + x, middle.y + y, middle.z + z, frame_, kNever});
       }
     }
   }
@@ -62,14 +62,14 @@ MoverTrail::Cell& MoverTrail::marked(const Cell& cell) {
     same->frame = frame_;
     return *same;
   }
-  return *std::ranges::min_element(bucket, {}, &Cell::frame) = cell;
+  return *std::ranges::max_element(bucket, {}, [&](const Cell& there) { return age(there.frame); }) = cell;
 }
 
 bool MoverTrail::near(Vec3 p_map) const {
-  if (last_marked_frame_ + kFrames < frame_) return false;
+  if (age(last_marked_frame_) > kFrames) return false;
   const Cell cell = cell_of(p_map);
   return std::ranges::any_of(buckets_[bucket_of(cell)], [&](const Cell& there) {
-    return there.same_place(cell) && there.frame + kFrames >= frame_;
+    return there.same_place(cell) && age(there.frame) <= kFrames;
   });
 }
 

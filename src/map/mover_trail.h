@@ -35,10 +35,13 @@ class MoverTrail {
   static constexpr std::uint32_t kFrames = 3;
 
  private:
+  // Frames are numbered modulo 2^32, which takes years, and begin shortly before the wrap: every run goes
+  // through.
+  static constexpr std::uint32_t kBegin = ~std::uint32_t{0} - 2, kNever = kBegin - kFrames - 1;
   struct Cell {
     std::int32_t x = 0, y = 0, z = 0;
-    std::uint32_t frame = 0;         // of the last mark; 0: never marked
-    std::uint32_t middle_frame = 0;  // the last in which a mover's reading itself lay in here
+    std::uint32_t frame = kNever;         // of the last mark
+    std::uint32_t middle_frame = kNever;  // the last in which a mover's reading itself lay in here
     bool same_place(const Cell& other) const { return x == other.x && y == other.y && z == other.z; }
   };
   static constexpr std::size_t kBuckets = 4096;
@@ -52,8 +55,11 @@ class MoverTrail {
   CameraModel camera_;
   const RayTable& rays_;
   std::span<Bucket> buckets_;
-  std::uint32_t frame_ = kFrames;  // so that no mark is older than the first frame
-  std::uint32_t last_marked_frame_ = 0;
+  /// Frames since then; right when the counter wraps, too.
+  std::uint32_t age(std::uint32_t frame) const { return frame_ - frame; }
+
+  std::uint32_t frame_ = kBegin;
+  std::uint32_t last_marked_frame_ = kNever;
 };
 
 }  // namespace stillmap

@@ -8,6 +8,12 @@
 
 namespace stillmap {
 
+namespace {
+
+constexpr Nanoseconds kSaneStamp_ns = Nanoseconds{1} << 60;  // 36 years; sums of a few such do not overflow
+
+}  // namespace
+
 Nanoseconds thread_cpu_now() {
   timespec t{};
   clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
@@ -55,12 +61,11 @@ Capture::Outcome Capture::fill_spare(Nanoseconds deadline_ns) {
   }
   log_.decode_cpu_ns += thread_cpu_now() - cpu_begin;
   log_.decode_time.add(monotonic_now() - begin);
-  if (!first_stamp_ns_) {
-    first_stamp_ns_ = slot.colour_ns;
-  } else if (slot.colour_ns <= newest_stamp_ns_) {
+  if (!mend_clock(slot)) {
     drop(DropReason::TimeJump);
     return Outcome::Nothing;
   }
+  if (!first_stamp_ns_) first_stamp_ns_ = slot.colour_ns;
   newest_stamp_ns_ = slot.colour_ns;
   if (duration_s_ > 0 && to_seconds(slot.colour_ns - *first_stamp_ns_) > duration_s_) return Outcome::End;
   slot.sequence = next_sequence_++;
@@ -71,6 +76,30 @@ Capture::Outcome Capture::fill_spare(Nanoseconds deadline_ns) {
   }
   check_depth(slot);
   return Outcome::Frame;
+}
+
+/// Moves the stamps as the source's clock has jumped. False: the frame is from before the newest, or is it.
+bool Capture::mend_clock(FrameSlot& slot) {
+  const auto is_sane = [](Nanoseconds t) { return t > -kSaneStamp_ns && t < kSaneStamp_ns; };
+  if (!is_sane(slot.colour_ns) || !is_sane(slot.depth_ns) ||
+      slot.colour_ns + clock_offset_ns_ > 2 * kSaneStamp_ns)
+    return false;
+  slot.colour_ns += clock_offset_ns_;
+  slot.depth_ns += clock_offset_ns_;
+  if (slot.colour_ns > newest_stamp_ns_) {
+    early_ = 0;
+    return true;
+  }
+  const Nanoseconds step_ns = slot.colour_ns - last_early_ns_;
+  early_ = early_ == 0 || step_ns <= 0 ? 1 : early_ + 1;
+  last_early_ns_ = slot.colour_ns;
+  if (is_log_ || early_ <= kFramesToBelieve) return false;
+  const Nanoseconds back_ns = newest_stamp_ns_ + step_ns - slot.colour_ns;
+  clock_offset_ns_ += back_ns;
+  slot.colour_ns += back_ns;
+  slot.depth_ns += back_ns;
+  early_ = 0;
+  return true;
 }
 
 void Capture::check_depth(const FrameSlot& slot) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <limits>
 #include <optional>
 
 #include "core/frame_pool.h"
@@ -13,6 +14,10 @@ namespace stillmap {
 /// The source's frames, one after another, numbered; what cannot be used is counted: every
 /// frame that the source offers is handed out or dropped with its reason. Depth that cannot be right is told
 /// as an event, once for each kind of fault.
+///
+/// Stamps rise. A camera's frames that come from before the newest are dropped; where a second of them has
+/// risen among themselves, the camera's clock has been set back for good, and its stamps are moved to go on
+/// from there.
 ///
 /// The source fills a spare frame of the pool. A camera's is handed out only when the next spare is there: it
 /// is read, and its frames are dropped one by one, also while the stages hold every other frame. A log waits.
@@ -44,6 +49,7 @@ class Capture {
  private:
   Outcome fill_spare(Nanoseconds deadline_ns);
   void drop(DropReason reason);
+  bool mend_clock(FrameSlot& slot);
   void check_depth(const FrameSlot& slot);
 
   RgbdDriver& driver_;
@@ -58,7 +64,11 @@ class Capture {
   FrameHandle spare_;
   std::uint64_t next_sequence_ = 0;
   std::optional<Nanoseconds> first_stamp_ns_;
-  Nanoseconds newest_stamp_ns_ = 0;
+  Nanoseconds newest_stamp_ns_ = std::numeric_limits<Nanoseconds>::min();
+  static constexpr int kFramesToBelieve = 30;
+  Nanoseconds clock_offset_ns_ = 0;  // added to the source's stamps
+  Nanoseconds last_early_ns_ = 0;    // of the last frame from before the newest, and how many such have risen
+  int early_ = 0;
 };
 
 /// CPU time of the calling thread.

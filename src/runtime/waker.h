@@ -41,7 +41,8 @@ class Waker {
 
  private:
   static_assert(sizeof(std::atomic<std::uint32_t>) == sizeof(std::uint32_t));
-  std::atomic<std::uint32_t> wakes_{0};
+  // Wraps within weeks, and is only compared for being the same. It begins shortly before.
+  std::atomic<std::uint32_t> wakes_{~std::uint32_t{0} - 100};
   std::atomic<std::uint32_t> sleepers_{0};
 };
 

@@ -56,7 +56,9 @@ PointRef LocalMap::add_point(const MapPoint& point) {
   const std::size_t slot = free_points_[--free_count_];
   points_[slot] = point;
   points_[slot].alive = true;
-  points_[slot].id = next_point_id_++;
+  points_[slot].id = next_point_id_;
+  points_[slot].segment = segment_;
+  next_point_id_ = std::max(next_point_id_ + 1, std::uint32_t{1});
   points_high_water_ = std::max<std::uint64_t>(points_high_water_, points_.size() - free_count_);
   return {static_cast<std::int32_t>(slot), points_[slot].id};
 }

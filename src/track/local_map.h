@@ -23,8 +23,9 @@ struct MapPoint {
   bool alive = false;
   bool suspect = false;  ///< found on something that may move; must prove that it stands still
   std::uint16_t visible = 0, found = 0;  ///< frames that should have seen it, frames that did
-  std::uint32_t id = 0;                  ///< never used twice, so that a stale index is noticed
-  Nanoseconds made_ns = 0;               ///< stamp of the frame that it was made from
+  std::uint32_t id = 0;  ///< not used twice in 2^32 points, and never 0, so that a stale index is noticed
+  std::uint32_t segment = 0;  ///< in which it was made
+  Nanoseconds made_ns = 0;    ///< stamp of the frame that it was made from
   std::uint64_t last_found_sequence = 0;
 };
 
@@ -80,13 +81,17 @@ class LocalMap {
   /// stands to what was there before.
   void begin_segment() {
     first_keyframe_of_segment_ = next_keyframe_id_;
-    first_point_of_segment_ = next_point_id_;
+    ++segment_;
+    apart_ = true;
   }
   /// It is known now.
-  void join_segments() { first_keyframe_of_segment_ = first_point_of_segment_ = 0; }
+  void join_segments() {
+    first_keyframe_of_segment_ = 0;
+    apart_ = false;
+  }
   /// Keyframes with an id below are of other segments.
   std::uint32_t first_keyframe_of_segment() const { return first_keyframe_of_segment_; }
-  bool in_segment(const MapPoint& point) const { return point.id >= first_point_of_segment_; }
+  bool in_segment(const MapPoint& point) const { return !apart_ || point.segment == segment_; }
   bool in_segment(const Keyframe& keyframe) const { return keyframe.id >= first_keyframe_of_segment_; }
 
   /// How many of a keyframe's points are alive.
@@ -106,8 +111,12 @@ class LocalMap {
   std::span<std::uint32_t> by_age_;  // slots, while some are given up
   std::size_t free_count_ = 0;
   std::span<Keyframe> keyframes_;
-  std::uint32_t next_point_id_ = 1, next_keyframe_id_ = 1;
-  std::uint32_t first_keyframe_of_segment_ = 0, first_point_of_segment_ = 0;
+  // A busy tracker makes 2^32 points in some months. Ids begin shortly before they wrap, so that every run
+  // does what a run of months will.
+  std::uint32_t next_point_id_ = ~std::uint32_t{0} - 5000;
+  std::uint32_t next_keyframe_id_ = 1;  // at three a second they last for 45 years
+  std::uint32_t first_keyframe_of_segment_ = 0, segment_ = 0;
+  bool apart_ = false;
   std::uint64_t points_high_water_ = 0, points_refused_ = 0, keyframes_high_water_ = 0,
                 keyframes_evicted_ = 0;
 };

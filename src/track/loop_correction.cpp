@@ -10,8 +10,9 @@ namespace {
 constexpr std::size_t kTiesPerKeyframe = 8;
 // Every fourth feature tells as well as all who shares points with whom.
 constexpr std::size_t kStride = 4;
-constexpr int kFewestShared = 8;  // of those
-constexpr std::uint32_t kNoMark = ~std::uint32_t{0};
+constexpr int kFewestShared = 8;                      // of those
+constexpr std::uint32_t kNoMark = ~std::uint32_t{0};  // where nodes are marked
+constexpr std::uint32_t kNoPoint = 0;                 // where ids of points are
 
 std::array<double, 36> information_of(double sigma_rad, double sigma_m) {
   std::array<double, 36> information{};
@@ -74,7 +75,7 @@ Pose LoopCorrection::as_they_stand(std::uint32_t a, std::uint32_t b) const {
 
 /// Successive keyframes are tied in any case; this adds those that see the same points.
 void LoopCorrection::tie_by_points(const LocalMap& map, std::uint32_t segment_begin) {
-  std::fill(mark_of_point_.begin(), mark_of_point_.end(), kNoMark);
+  std::fill(mark_of_point_.begin(), mark_of_point_.end(), kNoPoint);
   for (std::uint32_t a = 0; a < nodes_.size(); ++a) {
     const Keyframe& from = map.keyframes()[nodes_[a].slot];
     for (const KeyframeFeature& f : from.features) {
@@ -94,7 +95,7 @@ void LoopCorrection::tie_by_points(const LocalMap& map, std::uint32_t segment_be
       ++ties;
     }
     for (const KeyframeFeature& f : from.features) {
-      if (f.point.slot >= 0) mark_of_point_[static_cast<std::size_t>(f.point.slot)] = kNoMark;
+      if (f.point.slot >= 0) mark_of_point_[static_cast<std::size_t>(f.point.slot)] = kNoPoint;
     }
   }
 }

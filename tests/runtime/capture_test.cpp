@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <limits>
 #include <optional>
 #include <vector>
 
@@ -107,6 +108,68 @@ TEST(Capture, StampsThatDoNotRiseAreDropped) {
   EXPECT_EQ(stamps, (std::vector<Nanoseconds>{0, 50, 51}));
   EXPECT_EQ(bench.dropped(DropReason::TimeJump), 3u);
   EXPECT_EQ(bench.counters.offered.load(), 6u);
+}
+
+/// `count` frames at the camera's rate, the first at `begin_ns`.
+void add_frames(std::vector<Grab>& grabs, Nanoseconds begin_ns, int count) {
+  for (int i = 0; i < count; ++i) grabs.push_back({.stamp_ns = begin_ns + i * kFrame_ns});
+}
+
+/// The stamps of the frames that come out.
+std::vector<Nanoseconds> stamps_of(Bench& bench) {
+  std::vector<Nanoseconds> stamps;
+  for (Capture::Outcome outcome = Capture::Outcome::Nothing; outcome != Capture::Outcome::End;) {
+    FrameHandle frame;
+    outcome = bench.next(frame);
+    if (outcome == Capture::Outcome::Frame) stamps.push_back(frame->colour_ns);
+  }
+  return stamps;
+}
+
+constexpr Nanoseconds kHour = 3'600'000'000'000, kNow = 100 * kHour;
+
+TEST(Capture, ACamerasClockThatIsSetBackCostsASecond) {
+  std::vector<Grab> grabs;
+  add_frames(grabs, kNow, 10);
+  add_frames(grabs, kNow - kHour, 100);
+  add_frames(grabs, kNow - 2 * kHour, 100);  // and once more
+  Bench bench(grabs, false);
+  const std::vector<Nanoseconds> stamps = stamps_of(bench);
+  ASSERT_EQ(stamps.size(), 210u - 2 * 30);
+  for (std::size_t i = 0; i < stamps.size(); ++i)
+    EXPECT_EQ(stamps[i], kNow + static_cast<Nanoseconds>(i) * kFrame_ns) << i;
+  EXPECT_EQ(bench.dropped(DropReason::TimeJump), 60u);
+  EXPECT_EQ(bench.counters.offered.load(), 210u);
+}
+
+TEST(Capture, AStampFromTheFutureCostsASecondNotAnHour) {
+  for (const Nanoseconds ahead : {kHour, Nanoseconds{1} << 62, std::numeric_limits<Nanoseconds>::max()}) {
+    std::vector<Grab> grabs;
+    add_frames(grabs, kNow, 10);
+    grabs.push_back({.stamp_ns = ahead == kHour ? kNow + kHour : ahead});
+    add_frames(grabs, kNow + 11 * kFrame_ns, 60);
+    Bench bench(grabs, false);
+    const std::vector<Nanoseconds> stamps = stamps_of(bench);
+    EXPECT_EQ(stamps.size(), ahead == kHour ? 71u - 30 : 70u) << "nonsense is only dropped";
+    EXPECT_TRUE(std::ranges::is_sorted(stamps));
+  }
+}
+
+TEST(Capture, NonsenseAtFirstIsDroppedToo) {
+  std::vector<Grab> grabs{{.stamp_ns = std::numeric_limits<Nanoseconds>::max()},
+                          {.stamp_ns = std::numeric_limits<Nanoseconds>::min()}};
+  add_frames(grabs, kNow, 40);
+  Bench bench(grabs, false);
+  EXPECT_EQ(stamps_of(bench).size(), 40u);
+}
+
+TEST(Capture, ALogsStampsAreAsTheyAre) {
+  std::vector<Grab> grabs;
+  add_frames(grabs, kNow, 10);
+  add_frames(grabs, kNow - kHour, 100);
+  Bench bench(grabs, true);
+  EXPECT_EQ(stamps_of(bench).size(), 10u);
+  EXPECT_EQ(bench.dropped(DropReason::TimeJump), 100u);
 }
 
 TEST(Capture, ACameraIsReadWhileThePoolIsExhausted) {

@@ -109,6 +109,28 @@ TEST(LocalMap, ClearForgetsAllButTheIds) {
   EXPECT_GT(map.add_keyframe().id, keyframe_before);
 }
 
+TEST(LocalMap, IdsOfPointsWrapAndAreNeverNone) {
+  Arena arena(test::kArenaBytes);
+  LocalMap map(arena, 8, 50);
+  const PointRef old = map.add_point({});
+  std::uint32_t last = old.id, wraps = 0;
+  for (int i = 0; i < 20'000; ++i) {
+    map.begin_segment();
+    const PointRef ref = map.add_point({});
+    wraps += ref.id < last;
+    last = ref.id;
+    ASSERT_NE(ref.id, 0u);
+    ASSERT_NE(map.find(ref), nullptr);
+    EXPECT_TRUE(map.in_segment(*map.find(ref)));
+    if (const MapPoint* first = map.find(old)) EXPECT_FALSE(map.in_segment(*first));
+    map.remove_point(static_cast<std::size_t>(ref.slot));
+    ASSERT_EQ(map.find(ref), nullptr);
+  }
+  EXPECT_EQ(wraps, 1u);
+  map.join_segments();
+  EXPECT_TRUE(map.in_segment(*map.find(old)));
+}
+
 TEST(LocalMap, NewestKeyframeIsTheLastOneAdded) {
   Arena arena(test::kArenaBytes);
   LocalMap map(arena, 8, 50);
