@@ -7,16 +7,19 @@
 #include <cstring>
 #include <filesystem>
 #include <fstream>
+#include <memory>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "core/config.h"
+#include "detect/model_file.h"
 #include "drivers/tum_log/frame_list.h"
 #include "eval/trajectory.h"
 #include "map/map_file.h"
 #include "map/occupancy_image.h"
 #include "tests/fuzz/targets.h"
+#include "track/keyframe_file.h"
 
 namespace stillmap::fuzz {
 
@@ -132,6 +135,55 @@ void read_map(Bytes bytes) {
   const BlockTable& blocks = *map.value().blocks;
   require(blocks.occupied_voxels() <= kBlockVoxels * static_cast<std::size_t>(blocks.size()));
   static_cast<void>(occupancy_image(map.value(), -1, 1));
+}
+
+void read_manifest(Bytes bytes) {
+  write("net.toml", bytes);
+  const std::vector<std::string> overrides{"detector.model=" + (folder() / "net.onnx").string(),
+                                           "camera.width=640",
+                                           "camera.height=480",
+                                           "camera.fx=525",
+                                           "camera.fy=525",
+                                           "camera.cx=319.5",
+                                           "camera.cy=239.5",
+                                           "camera.depth_units_per_m=5000"};
+  const Result<LoadedConfig> loaded = load_config_of_model({}, overrides);
+  if (!loaded.ok()) {
+    require(loaded.error().exit_code == ExitCode::WrongConfig);
+    return require_error(loaded.error(), "net.onnx");  // the manifest of that model
+  }
+  // It has said nothing but what is the model's own.
+  for (const ConfigEntry& entry : loaded.value().entries) {
+    if (entry.origin.ends_with("net.toml"))
+      require(entry.key.starts_with("detector.") || entry.key.starts_with("classes."));
+  }
+}
+
+void read_keyframes(Bytes bytes) {
+  constexpr std::size_t kKeyframes = 4, kPoints = 64;
+  const auto fresh = [] {
+    struct Memory {
+      Arena arena{1 << 20};
+      LocalMap map{arena, kKeyframes, kPoints};
+    };
+    return std::make_unique<Memory>();
+  };
+  const auto first = fresh();
+  const Status read = stillmap::read_keyframes(std::as_bytes(bytes), first->map);
+  if (!read.ok()) {
+    require(first->map.newest_keyframe() == nullptr);
+    return require_error(read.error(), "");
+  }
+  // What was taken in can be written and read again.
+  std::vector<std::byte> all, part(KeyframeWriter::kLargestRecord);
+  for (KeyframeWriter writer; !writer.done(first->map);) {
+    const std::size_t size = writer.write(first->map, {}, part);
+    all.insert(all.end(), part.begin(), part.begin() + static_cast<std::ptrdiff_t>(size));
+  }
+  require(stillmap::read_keyframes(all, fresh()->map).ok());
+  const KeyframeCounts before = count_keyframes(std::as_bytes(bytes)).value(),
+                       after = count_keyframes(all).value();
+  require(before.keyframes == after.keyframes && before.points == after.points);
 }
 
 }  // namespace stillmap::fuzz

@@ -7,15 +7,17 @@
 namespace stillmap::fuzz {
 
 std::span<const Target> targets() {
-  static constexpr std::array<Target, 9> kTargets{{{"config", read_config},
-                                                   {"frame_list", read_frame_list},
-                                                   {"trajectory", read_trajectory},
-                                                   {"map_file", read_map},
-                                                   {"png", decode_png},
-                                                   {"jpeg", decode_jpeg},
-                                                   {"camera_picture", convert_camera_picture},
-                                                   {"client_message", parse_message},
-                                                   {"access", judge_request}}};
+  static constexpr std::array<Target, 11> kTargets{{{"config", read_config},
+                                                    {"frame_list", read_frame_list},
+                                                    {"trajectory", read_trajectory},
+                                                    {"map_file", read_map},
+                                                    {"manifest", read_manifest},
+                                                    {"keyframes", read_keyframes},
+                                                    {"png", decode_png},
+                                                    {"jpeg", decode_jpeg},
+                                                    {"camera_picture", convert_camera_picture},
+                                                    {"client_message", parse_message},
+                                                    {"access", judge_request}}};
   return kTargets;
 }
 

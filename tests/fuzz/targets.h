@@ -23,6 +23,8 @@ void read_config(Bytes bytes);             ///< a configuration file; after a NU
 void read_frame_list(Bytes bytes);         ///< associations.txt, or after a NUL depth.txt beside rgb.txt
 void read_trajectory(Bytes bytes);         ///< a trajectory or ground truth in TUM format
 void read_map(Bytes bytes);                ///< a .stillmap file; a wrong checksum is mended first
+void read_manifest(Bytes bytes);           ///< what stands beside a model as its manifest
+void read_keyframes(Bytes bytes);          ///< the keyframes of a .stillmap file, as a resumed run takes them
 void decode_png(Bytes bytes);              ///< as colour and as depth
 void decode_jpeg(Bytes bytes);             ///< from a file, and from a camera
 void convert_camera_picture(Bytes bytes);  ///< 8 bytes of what a driver says of a picture, then the picture
