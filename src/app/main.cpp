@@ -2,6 +2,7 @@
 #include <cstdio>
 #include <new>
 #include <string>
+#include <system_error>
 
 #include "app/commands.h"
 #include "runtime/source.h"
@@ -45,6 +46,10 @@ int main(int argc, char** argv) {
     if (status.ok()) return static_cast<int>(stillmap::ExitCode::Done);
     std::fprintf(stderr, "stillmap: %s\n", one_line(status.error().message).c_str());
     return static_cast<int>(status.error().exit_code);
+  } catch (const std::system_error& e) {
+    std::fprintf(stderr, "stillmap: no thread could be started (%s); raise the limits of memory and tasks\n",
+                 e.what());
+    return static_cast<int>(stillmap::ExitCode::RunFailed);
   } catch (const std::bad_alloc&) {
     std::fputs("stillmap: out of memory; `stillmap plan` tells how much a configuration takes\n", stderr);
     return static_cast<int>(stillmap::ExitCode::RunFailed);

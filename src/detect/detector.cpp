@@ -78,6 +78,9 @@ std::span<const Tensor> Detector::Impl::outputs() {
 
 Status Detector::Impl::load() {
   const auto unusable = [&](const Error& e) {
+    if (e.exit_code == ExitCode::RunFailed)
+      return Error{e.exit_code, "detector.model: '" + path + "': " + e.message +
+                                    "; run with detector.model = \"none\", or give the process more"};
     return refused("is no network that can be run (" + e.message + ")");
   };
   Result<std::unique_ptr<Network>> opened = open_network(path, letterbox, format);

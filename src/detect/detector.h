@@ -17,7 +17,8 @@ class Detector {
  public:
   /// Loads the network and proves it on one blank picture of the camera's size, which also warms it up.
   /// Errors: UnreadableInput where the file is no network that can be run, or not what `detector.decoder`
-  /// reads; WrongConfig where the number of classes is not that of `classes.names`.
+  /// reads; WrongConfig where the number of classes is not that of `classes.names`; RunFailed where there is
+  /// no memory for it.
   static Result<std::unique_ptr<Detector>> open(const Config& config, const std::string& model_path);
   ~Detector();
 

@@ -50,7 +50,8 @@ Result<std::unique_ptr<Network>> open_network(const std::string& path, const Let
     not_ours = ours.error().message;
   }
   Result<std::unique_ptr<Network>> theirs = open_on_module(path, letterbox, format);
-  if (!theirs.ok()) return Error{ExitCode::UnreadableInput, not_ours + "; " + theirs.error().message};
+  if (!theirs.ok() && theirs.error().exit_code == ExitCode::UnreadableInput)
+    return Error{ExitCode::UnreadableInput, not_ours + "; " + theirs.error().message};
   return theirs;
 }
 

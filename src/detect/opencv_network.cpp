@@ -3,6 +3,7 @@
 // networks on our own layers has neither OpenCV nor what comes with it in memory.
 #include <algorithm>
 #include <exception>
+#include <new>
 #include <opencv2/core.hpp>
 #include <opencv2/core/utils/logger.hpp>
 #include <opencv2/dnn.hpp>
@@ -103,6 +104,10 @@ std::string_view plain_name(std::string_view name) {
 }
 
 Error failed(const std::exception& e) {
+  const auto* of_opencv = dynamic_cast<const cv::Exception*>(&e);
+  if (dynamic_cast<const std::bad_alloc*>(&e) != nullptr ||
+      (of_opencv != nullptr && of_opencv->code == cv::Error::StsNoMem))
+    return {ExitCode::RunFailed, "out of memory"};
   const std::string text(e.what());
   return {ExitCode::UnreadableInput, text.substr(0, text.find('\n'))};
 }

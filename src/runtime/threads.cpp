@@ -2,8 +2,11 @@
 #include "runtime/threads.h"
 
 #include <sched.h>
+#include <sys/mman.h>
 #include <sys/resource.h>
+#include <unistd.h>
 
+#include <new>
 #include <utility>
 
 #include "core/check.h"
@@ -120,6 +123,21 @@ void* StageThread::enter(void* self) {
   return nullptr;
 }
 
+StageThread::StageThread() {
+  const auto guard_bytes = static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
+  void* memory = mmap(nullptr, guard_bytes + kStackBytes, PROT_READ | PROT_WRITE,
+                      MAP_PRIVATE | MAP_ANONYMOUS | MAP_STACK | MAP_NORESERVE, -1, 0);
+  if (memory == MAP_FAILED) throw std::bad_alloc();
+  mprotect(memory, guard_bytes, PROT_NONE);
+  stack_ = static_cast<std::byte*>(memory) + guard_bytes;
+}
+
+StageThread::~StageThread() {
+  join();
+  const auto guard_bytes = static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
+  munmap(static_cast<std::byte*>(stack_) - guard_bytes, guard_bytes + kStackBytes);
+}
+
 void StageThread::start(ThreadRole role, const Config::Threads& config, bool prefault,
                         std::function<void()> body) {
   STILLMAP_CHECK(!started_);
@@ -129,7 +147,7 @@ void StageThread::start(ThreadRole role, const Config::Threads& config, bool pre
   body_ = std::move(body);
   pthread_attr_t attributes;
   pthread_attr_init(&attributes);
-  pthread_attr_setstacksize(&attributes, kStackBytes);
+  pthread_attr_setstack(&attributes, stack_, kStackBytes);
   started_ = pthread_create(&thread_, &attributes, enter, this) == 0;
   pthread_attr_destroy(&attributes);
   STILLMAP_CHECK(started_);

@@ -21,12 +21,13 @@ const char* name_of(ThreadRole role);
 /// machine.
 Config::Threads usable_threads(const Config::Threads& asked, std::vector<std::string>& warnings);
 
-/// A thread with a name, a core, a priority and a stack of 256 KB, which is touched at once where `prefault`
-/// asks for it. Threads that it starts (a library's) inherit its core but not SCHED_FIFO.
+/// A thread with a name, a core, a priority and a stack of 256 KB, which is taken by the constructor
+/// (std::bad_alloc where there is none) and touched at once where `prefault` asks for it. Threads that it
+/// starts (a library's) inherit its core but not SCHED_FIFO.
 class StageThread {
  public:
-  StageThread() = default;
-  ~StageThread() { join(); }
+  StageThread();
+  ~StageThread();
   StageThread(const StageThread&) = delete;
   StageThread& operator=(const StageThread&) = delete;
 
@@ -37,6 +38,7 @@ class StageThread {
 
  private:
   static void* enter(void* self);
+  void* stack_;  // above a page that nobody may touch
   ThreadRole role_ = ThreadRole::Capture;
   Config::Threads config_;
   bool prefault_ = false, started_ = false;
