@@ -35,6 +35,7 @@ struct KeyframeFile : testing::Test {
       point.found = 5;
       refs.push_back(map().add_point(point));
     }
+    map().begin_keyframe_ids_after(100);
     for (int k = 0; k < 6; ++k) {
       Keyframe& keyframe = map().add_keyframe();
       keyframe.sequence = 100 + static_cast<std::uint64_t>(k);
@@ -104,7 +105,7 @@ TEST_F(KeyframeFile, ComesBackInTheMapFrame) {
     }
   }
   EXPECT_EQ(seen, 6 * 300 - 1);
-  EXPECT_EQ(back->map.add_keyframe().id, 7u) << "new keyframes have new ids";
+  EXPECT_EQ(back->map.add_keyframe().id, 107u) << "new keyframes have new ids";
 }
 
 TEST_F(KeyframeFile, TooLittleRoomIsSaidWithTheKeys) {
