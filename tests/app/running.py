@@ -14,11 +14,11 @@ from signals_test import endless_log
 
 
 class RunningTest(ProgramTest):
-    def start(self, *args, detector=DETECTOR, environment=None, fps=30):
+    def start(self, *args, detector=DETECTOR, environment=None):
         """The running program, tracking; `self.frames()` tells how many frames it has processed."""
         log = self.path / "endless"
         if not log.exists():
-            endless_log(log, fps)
+            endless_log(log)
         command = run_args("--mode", "realtime", *args, log=log, detector=detector, listen=["--listen", "127.0.0.1:0"])
         process = subprocess.Popen([PROGRAM, *command], stderr=subprocess.PIPE, text=True, env={**os.environ, **(environment or {})})
         self.addCleanup(process.stderr.close)
