@@ -10,7 +10,7 @@ namespace stillmap {
 
 namespace {
 
-constexpr Nanoseconds kSaneStamp_ns = Nanoseconds{1} << 60;  // 36 years; sums of a few such do not overflow
+constexpr Nanoseconds kUnit_ns = Nanoseconds{1} << 60;  // 36 years; seven of them do not overflow
 
 }  // namespace
 
@@ -80,9 +80,9 @@ Capture::Outcome Capture::fill_spare(Nanoseconds deadline_ns) {
 
 /// Moves the stamps as the source's clock has jumped. False: the frame is from before the newest, or is it.
 bool Capture::mend_clock(FrameSlot& slot) {
-  const auto is_sane = [](Nanoseconds t) { return t > -kSaneStamp_ns && t < kSaneStamp_ns; };
+  const auto is_sane = [](Nanoseconds t) { return t > -kUnit_ns && t < 3 * kUnit_ns; };
   if (!is_sane(slot.colour_ns) || !is_sane(slot.depth_ns) ||
-      slot.colour_ns + clock_offset_ns_ > 2 * kSaneStamp_ns)
+      slot.colour_ns + clock_offset_ns_ > 3 * kUnit_ns + kUnit_ns / 2)
     return false;
   slot.colour_ns += clock_offset_ns_;
   slot.depth_ns += clock_offset_ns_;
