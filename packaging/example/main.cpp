@@ -26,7 +26,7 @@ int main(int argc, char** argv) {
   if (!loaded.ok()) return refuse(loaded.error());
   const stillmap::Config& config = loaded.value().config;
 
-  auto source = stillmap::open_source("tum:" + std::string(argv[2]), config);
+  auto source = stillmap::open_source("tum:" + std::string(argv[2]), config, 1);
   if (!source.ok()) return refuse(source.error());
   stillmap::RgbdDriver& driver = *source.value().driver;
   if (const auto started = driver.start(); !started.ok()) return refuse(started.error());

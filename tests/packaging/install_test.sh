@@ -5,8 +5,12 @@
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 work=$(mktemp -d /var/tmp/stillmap-install-XXXXXX)
-trap 'rm -rf "$work"' EXIT
 root=$work/root
+clean_up() {
+  ! mountpoint -q "$root/proc" || umount "$root/proc"
+  rm -rf --one-file-system "$work"
+}
+trap clean_up EXIT
 
 cpack --config build/release/CPackConfig.cmake -B "$work/packages" >"$work/cpack.txt" || { cat "$work/cpack.txt"; exit 1; }
 packages=("$work"/packages/*.deb)
@@ -16,6 +20,8 @@ lintian --fail-on error,warning "${packages[@]}"
 debootstrap --variant=minbase bookworm "$root" "${STILLMAP_DEBIAN_MIRROR:-http://deb.debian.org/debian}" >"$work/debootstrap.txt" ||
   { tail -n 20 "$work/debootstrap.txt"; exit 1; }
 cp /etc/resolv.conf "$root/etc/"
+# As every system has it: the loader asks it where the program is, and looks for modules beside that.
+mount -t proc proc "$root/proc"
 cp "${packages[@]}" "$root/tmp/"
 build/release/bin/stillmap-synth --out "$root/tmp/log" --seed 3 --frames 20
 in_root() { chroot "$root" env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin DEBIAN_FRONTEND=noninteractive LC_ALL=C "$@"; }
