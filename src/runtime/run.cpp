@@ -9,6 +9,7 @@
 #include <array>
 #include <csignal>
 #include <ctime>
+#include <filesystem>
 #include <optional>
 #include <span>
 #include <vector>
@@ -236,7 +237,8 @@ Status run_outcome(const RunContext& context) {
 
 namespace {
 
-/// Without a source the first camera is taken, and without a profile its lens is guessed.
+/// Without a source the first camera is taken, without a profile its lens is guessed, and without its own map
+/// to go on in, a run begins one.
 Result<RunOptions> complete(RunOptions options) {
   const bool camera = !options.source.starts_with("tum:");
   if (options.source.empty()) {
@@ -256,6 +258,13 @@ Result<RunOptions> complete(RunOptions options) {
     const NominalProfile nominal = nominal_profile(options.source);
     options.overrides.insert(options.overrides.begin(), nominal.overrides.begin(), nominal.overrides.end());
     spdlog::warn("{}", nominal.warning);
+  }
+  // A service goes on in its own map; the first time there is none.
+  std::error_code unused;
+  if (!options.resume.empty() && options.resume == options.map &&
+      std::filesystem::status(options.resume, unused).type() == std::filesystem::file_type::not_found) {
+    spdlog::info("resume: {} is not there yet; a new map begins", options.resume);
+    options.resume.clear();
   }
   return options;
 }

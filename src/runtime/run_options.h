@@ -33,7 +33,7 @@ struct RunOptions {
   int loops = 1;          ///< times that a log is played, forwards and backwards in turn
   double duration_s = 0;  ///< 0: until the source ends
   std::string trajectory, trajectory_final, map, report, groundtruth;
-  std::string resume;  ///< .stillmap file to go on in
+  std::string resume;  ///< .stillmap file to go on in; where it is `map` and not there yet, a new map begins
   std::string record;  ///< folder for a log of what the source delivers
   std::string listen;  ///< overrides stream.listen
 };

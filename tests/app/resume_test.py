@@ -66,6 +66,14 @@ class Resume(ProgramTest):
         tracking = json.loads(report.read_text())["tracking"]
         self.assertEqual((tracking["relocalized"], tracking["lost"]), (1, 0))
 
+    def test_begins_its_own_map_where_there_is_none(self):
+        own, other = self.path / "own.stillmap", self.path / "none.stillmap"
+        for said in ("a new map begins", "relocalized"):
+            result = stillmap(*run_args("--mode", "lockstep", "--map", own, "--resume", own))
+            self.assertEqual(result.returncode, DONE, result.stderr)
+            self.assertIn(said, result.stderr)
+        self.assert_error(stillmap(*run_args("--mode", "lockstep", "--map", own, "--resume", other)), UNREADABLE_INPUT, str(other))
+
     def test_what_does_not_fit_is_refused_and_nothing_overwritten(self):
         whole, out = self.map.read_bytes(), self.path / "out.stillmap"
         out.write_text("earlier")
