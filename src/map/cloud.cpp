@@ -64,7 +64,8 @@ std::size_t write_cubes(const VoxelMap& map, int edge, std::span<CloudPoint> out
 
 std::size_t write_some_blocks(const VoxelMap& map, std::size_t blocks, std::span<CloudPoint> out) {
   Cubes cubes;
-  std::size_t seen = 0, written = 0;
+  std::uint64_t seen = 0;  // times out.size(), it is beyond 32 bits
+  std::size_t written = 0;
   for (int i = 0; i < map.blocks().size() && written < out.size(); ++i) {
     const Block& block = map.blocks().block(i);
     if (block.occupied == 0) continue;
@@ -78,9 +79,9 @@ std::size_t write_some_blocks(const VoxelMap& map, std::size_t blocks, std::span
 }  // namespace
 
 std::size_t make_cloud(const VoxelMap& map, std::span<CloudPoint> out) {
-  std::size_t needed = map.occupied_voxels();
+  std::size_t needed = 0;
   for (int edge = 1; edge <= kBlockEdge; edge *= 2) {
-    if (edge == 1 && needed > out.size()) continue;
+    if (edge == 1 && map.occupied_voxels() > out.size()) continue;
     needed = write_cubes(map, edge, out);
     if (needed <= out.size()) return needed;
   }

@@ -147,12 +147,13 @@ Result<MapFile> read_map_file(const std::string& path) {
     return unreadable(path, "is no Stillmap map; name a file that a run wrote with --map NAME.stillmap");
   std::vector<char> bytes(static_cast<std::size_t>(size));
   file.seekg(0);
-  if (!file.read(bytes.data(), size)) return unreadable(path, "cannot be read; check the disk");
+  if (!file.read(bytes.data(), static_cast<std::streamsize>(size)))
+    return unreadable(path, "cannot be read; check the disk");
   if (Status s = check_bytes(path, bytes); !s.ok()) return s.error();
 
   const Header header = taken_from<Header>(bytes.data());
   const Footer footer = taken_from<Footer>(bytes.data() + bytes.size() - sizeof(Footer));
-  const std::size_t blocks = footer.blocks;
+  const auto blocks = static_cast<std::size_t>(footer.blocks);  // of a file that memory holds
   MapFile map;
   map.facts = {header.voxel_m, header.camera_hash, header.z_is_up != 0};
   Arena planning;
@@ -162,7 +163,8 @@ Result<MapFile> read_map_file(const std::string& path) {
   for (std::size_t i = 0; i < blocks; ++i)
     put_block(bytes.data() + sizeof(Header) + i * kBlockBytes, *map.blocks);
   const std::span<const std::byte> all = std::as_bytes(std::span(bytes));
-  const auto keyframes = all.subspan(sizeof(Header) + blocks * kBlockBytes, footer.keyframe_bytes);
+  const auto keyframes =
+      all.subspan(sizeof(Header) + blocks * kBlockBytes, static_cast<std::size_t>(footer.keyframe_bytes));
   map.keyframes.assign(keyframes.begin(), keyframes.end());
   return map;
 }

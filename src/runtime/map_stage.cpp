@@ -50,9 +50,9 @@ void MapStage::take_frame(PosedFrame&& posed) {
   map_.continue_correction();
   if (newest_ns_ == 0) last_boxes_ns_ = posed.stamp_ns;
   newest_ns_ = posed.stamp_ns;
-  const RecentPose& pose = recent_[posed.sequence % recent_.size()] = {
-      posed.sequence,           posed.T_map_colour, posed.T_map_depth,
-      posed.reference_keyframe, posed.epoch,        posed.T_map_keyframe};
+  const RecentPose& pose =
+      recent_[slot_of(posed.sequence)] = {posed.sequence,           posed.T_map_colour, posed.T_map_depth,
+                                          posed.reference_keyframe, posed.epoch,        posed.T_map_keyframe};
   if (posed.boxes_are_its_own) last_boxes_ns_ = newest_ns_;
   const bool detector_silent =
       newest_ns_ - last_boxes_ns_ > static_cast<Nanoseconds>(config_.detector.max_age_ms) * 1'000'000;
@@ -68,7 +68,7 @@ void MapStage::take_frame(PosedFrame&& posed) {
 void MapStage::take_detected(DetectedFrame&& detected) {
   const FrameSlot& frame = *detected.frame;
   last_boxes_ns_ = detected.boxes.stamp_ns;
-  const RecentPose& pose = recent_[frame.sequence % recent_.size()];
+  const RecentPose& pose = recent_[slot_of(frame.sequence)];
   if (pose.sequence != frame.sequence) {
     ++counts_.unposed;
   } else if (due(frame.sequence)) {

@@ -70,6 +70,9 @@ class MapStage {
     std::uint32_t reference_keyframe = 0, epoch = 0;
     Pose T_map_keyframe;
   };
+  std::size_t slot_of(std::uint64_t sequence) const {
+    return static_cast<std::size_t>(sequence % recent_.size());
+  }
   void take_correction(std::uint32_t epoch);
   /// A pose of another epoch than the map's is taken to it with its keyframe.
   RecentPose in_map(const RecentPose& pose) const;
@@ -83,7 +86,7 @@ class MapStage {
   bool has_detector_;
   int fuse_factor_ = 1;
   Nanoseconds last_boxes_ns_ = 0, newest_ns_ = 0;
-  std::array<RecentPose, 64> recent_{};  // by sequence modulo size
+  std::array<RecentPose, 64> recent_{};  // at slot_of their sequence
   DynamicMask mask_;
   FuseCounts counts_;
   LatencyHistogram fuse_time_;

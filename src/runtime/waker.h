@@ -30,7 +30,8 @@ class Waker {
   /// Returns when woken since `ticket`, and after `timeout` at the latest.
   void wait(std::uint32_t ticket, Nanoseconds timeout) {
     if (timeout <= 0) return;
-    const timespec span{timeout / 1'000'000'000, timeout % 1'000'000'000};
+    const timespec span{static_cast<time_t>(timeout / 1'000'000'000),
+                        static_cast<long>(timeout % 1'000'000'000)};
     sleepers_.fetch_add(1, std::memory_order_seq_cst);
     if (wakes_.load(std::memory_order_seq_cst) == ticket) {
       syscall(SYS_futex, reinterpret_cast<std::uint32_t*>(&wakes_), FUTEX_WAIT_PRIVATE, ticket, &span,

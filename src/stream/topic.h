@@ -27,10 +27,10 @@ class Topic {
         memory_(arena.take<std::uint8_t>(name, depth * item_bytes)) {}
 
   /// Where the next message is encoded, to be followed by publish().
-  std::span<std::uint8_t> room() { return memory_.subspan((end_ % depth_) * item_bytes_, item_bytes_); }
+  std::span<std::uint8_t> room() { return memory_.subspan(slot(end_) * item_bytes_, item_bytes_); }
   void publish(std::size_t bytes, Nanoseconds stamp_ns) {
     STILLMAP_CHECK(bytes <= item_bytes_);
-    items_[end_ % depth_] = {stamp_ns, bytes};
+    items_[slot(end_)] = {stamp_ns, bytes};
     ++end_;
   }
 
@@ -42,12 +42,14 @@ class Topic {
   std::uint64_t begin(std::uint64_t count) const { return std::max(begin_, end_ - std::min(end_, count)); }
   /// Messages so far; those from `end() - depth()` on are kept.
   std::uint64_t end() const { return end_; }
-  const Item& item(std::uint64_t index) const { return items_[index % depth_]; }
+  const Item& item(std::uint64_t index) const { return items_[slot(index)]; }
   std::span<const std::uint8_t> payload(std::uint64_t index) const {
-    return memory_.subspan((index % depth_) * item_bytes_, item(index).bytes);
+    return memory_.subspan(slot(index) * item_bytes_, item(index).bytes);
   }
 
  private:
+  std::size_t slot(std::uint64_t index) const { return static_cast<std::size_t>(index % depth_); }
+
   std::size_t depth_ = 0, item_bytes_ = 0;
   std::span<Item> items_;
   std::span<std::uint8_t> memory_;
