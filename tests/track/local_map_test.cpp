@@ -122,7 +122,9 @@ TEST(LocalMap, IdsOfPointsWrapAndAreNeverNone) {
     ASSERT_NE(ref.id, 0u);
     ASSERT_NE(map.find(ref), nullptr);
     EXPECT_TRUE(map.in_segment(*map.find(ref)));
-    if (const MapPoint* first = map.find(old)) EXPECT_FALSE(map.in_segment(*first));
+    if (const MapPoint* first = map.find(old)) {
+      EXPECT_FALSE(map.in_segment(*first));
+    }
     map.remove_point(static_cast<std::size_t>(ref.slot));
     ASSERT_EQ(map.find(ref), nullptr);
   }
