@@ -9,15 +9,17 @@ import threading
 
 
 class StreamClient(threading.Thread):
-    """Subscribes to every channel of the server at HOST:PORT; `bytes` and `messages` count what came."""
+    """Subscribes to every channel of the server at HOST:PORT; `bytes` and `messages` count what came.
 
-    def __init__(self, host, port):
+    `query` is what follows the address, such as `?token=...`; `timeout_s` is how long the server may be silent."""
+
+    def __init__(self, host, port, query="", timeout_s=10):
         super().__init__(daemon=True)
         self.bytes = self.messages = 0
         self.error = None
-        self.socket = socket.create_connection((host, port), timeout=10)
+        self.socket = socket.create_connection((host, port), timeout=timeout_s)
         key = base64.b64encode(os.urandom(16)).decode()
-        self.socket.sendall((f"GET / HTTP/1.1\r\nHost: {host}:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+        self.socket.sendall((f"GET /{query} HTTP/1.1\r\nHost: {host}:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
                              f"Sec-WebSocket-Key: {key}\r\nSec-WebSocket-Protocol: foxglove.websocket.v1\r\n\r\n").encode())
         self.stream = self.socket.makefile("rb")
         status = self.stream.readline()

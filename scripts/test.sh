@@ -121,5 +121,6 @@ if [ "$full" = yes ]; then
       step "tests on $arm" run_ctest "$arm"
   done
   step "packages in a clean root" tests/packaging/install_test.sh
+  step "boots as a robot" tests/packaging/boot_test.py build/boot
 fi
 finish

@@ -41,26 +41,16 @@ esac
 name=$1
 pins=$here/packages-$name.txt
 sysroot=${STILLMAP_SYSROOTS:-$here/../build/sysroot}/$name
-keyring=/usr/share/keyrings/debian-archive-keyring.gpg
 
 "$here/../scripts/setup.sh" --arm
 [ "$update" = yes ] || ! cmp -s "$pins" "$sysroot/pins.txt" || exit 0
-[ -r "$keyring" ] || fail "no $keyring to check Debian's signatures with; install debian-archive-keyring"
 
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
-mkdir -p "$work"/{state/lists/partial,cache/archives/partial,debs,root}
-: >"$work/status"
-# Without the security archive: its index has been in disagreement with itself, and its versions change all the time. What
-# runs on a robot links to that robot's own, updated libraries.
-echo "deb [signed-by=$keyring] ${STILLMAP_DEBIAN_MIRROR:-http://deb.debian.org/debian} bookworm main" >"$work/sources"
-private=(
-  -o APT::Architecture="$architecture" -o APT::Architectures="$architecture" -o Dir::State="$work/state"
-  -o Dir::State::status="$work/status" -o Dir::Cache="$work/cache" -o Dir::Etc::SourceList="$work/sources"
-  -o Dir::Etc::SourceParts=/dev/null -o Dir::Etc::Preferences=/dev/null -o Dir::Etc::PreferencesParts=/dev/null
-  -o APT::Sandbox::User=root -o Acquire::Languages=none -o Acquire::Retries=3 -o APT::Get::List-Cleanup=false
-)
-apt-get -qq "${private[@]}" update || fail "Debian's package list for $architecture could not be read (apt's words are above)"
+mkdir -p "$work"/{debs,root}
+# shellcheck source=toolchains/private_apt.sh
+. "$here/private_apt.sh"
+private_apt "$architecture" "$work" || fail "nothing was made"
 
 if [ "$update" = yes ]; then
   {
