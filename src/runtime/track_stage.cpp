@@ -13,7 +13,7 @@ TrackStage::TrackStage(Arena& arena, const Config& config)
       carrier_(config.camera, static_cast<Nanoseconds>(config.detector.max_age_ms) * 1'000'000) {}
 
 const Pose* TrackStage::pose_of(std::uint64_t sequence) const {
-  const SequencePose& entry = recent_[sequence % recent_.size()];
+  const SequencePose& entry = recent_[static_cast<std::size_t>(sequence % recent_.size())];
   return entry.sequence == sequence ? &entry.T_odom_camera : nullptr;
 }
 
@@ -41,7 +41,8 @@ const TrackingResult& TrackStage::step(const FrameSlot& frame) {
 
   result_ = tracker_.track(frame, mask_);
   if (!result_.has_pose()) carrier_.clear();
-  recent_[frame.sequence % recent_.size()] = {frame.sequence, result_.T_odom_camera};
+  recent_[static_cast<std::size_t>(frame.sequence % recent_.size())] = {frame.sequence,
+                                                                        result_.T_odom_camera};
   T_map_depth_ = result_.T_map_odom * tracker_.predict(frame.depth_ns);
   return result_;
 }
