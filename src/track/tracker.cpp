@@ -19,12 +19,13 @@ constexpr std::size_t kFeatureCapacity = Keyframe::kMaxFeatures;
 constexpr SearchWindow kAroundPrediction{.radius_px = 16, .max_distance = 70, .depth_share = 0.15};
 constexpr SearchWindow kWide{.radius_px = 48, .max_distance = 60, .depth_share = 0.25};
 constexpr SearchWindow kAroundSolution{.radius_px = 5, .max_distance = 80, .depth_share = 0.08};
-constexpr std::uint64_t kMoment = 30;        // frames
-constexpr double kShort_s = 0.1;             // a motion model says nothing of what is further ahead
-constexpr int kSurely = 100;                 // inliers that no wrong pose has
-constexpr int kPoor = 80;                    // fewer, after a frame with thrice as many: perhaps a wrong one
-constexpr int kFewestToStart = 100;          // points of the first keyframe
-constexpr std::size_t kPlacesPerTry = 2;     // keyframes compared per lost frame, beside the newest
+constexpr std::uint64_t kMoment = 30;     // frames
+constexpr double kSteady_s = 0.15;        // between two frames, for the turn to be as fast in the later one
+constexpr double kShort_s = 0.1;          // a motion model says nothing of what is further ahead
+constexpr int kSurely = 100;              // inliers that no wrong pose has
+constexpr int kPoor = 80;                 // fewer, after a frame with thrice as many: perhaps a wrong one
+constexpr int kFewestToStart = 100;       // points of the first keyframe
+constexpr std::size_t kPlacesPerTry = 2;  // keyframes compared per lost frame, beside the newest
 constexpr std::size_t kPlaceFeatures = 500;  // of a keyframe, that the place index goes by
 constexpr Nanoseconds kKeyframeGap_ns = 60'000'000;
 
@@ -125,9 +126,11 @@ const TrackingResult& Tracker::track(const FrameSlot& slot, const DynamicMask& m
   const Pose T_depth_colour = inverse(predict(slot.depth_ns)) * predicted;
   sample_depth(slot.depth, config_.camera, T_depth_colour, frame_.features);
   label_features(mask);
-  if (config_.camera.readout_s != 0) {
-    const Pose read_out = predict(slot.colour_ns + static_cast<Nanoseconds>(1e9 * config_.camera.readout_s));
-    straighten_rows(config_.camera, log_so3((inverse(predicted) * read_out).R), frame_.features);
+  align(slot, predicted);
+  if (const double seconds = seconds_since_pose(slot);
+      config_.camera.readout_s != 0 && history_size_ > 0 && seconds > 0 && seconds <= kSteady_s) {
+    const Vec3 turn_rad = log_so3((inverse(history_[0].T_odom_camera) * aligned_).R);
+    straighten_rows(config_.camera, config_.camera.readout_s / seconds * turn_rad, frame_.features);
   }
   grid_.build(frame_.features);
   std::fill(matches_.begin(), matches_.end(), FeatureMatch{});
@@ -194,6 +197,16 @@ void Tracker::start_segment(const FrameSlot& slot) {
   start_map(slot);
 }
 
+/// Where the picture as a whole says that the camera is.
+void Tracker::align(const FrameSlot& slot, const Pose& T_odom_camera_predicted) {
+  aligned_ = T_odom_camera_predicted;
+  if (!aligns_ || history_size_ == 0) return;
+  const Pose before = history_[0].T_odom_camera;
+  PosePrior motion = motion_prior(T_odom_camera_predicted, seconds_since_pose(slot));
+  motion.T_camera_world = motion.T_camera_world * before;
+  aligned_ = before * inverse(alignment_.align(motion));
+}
+
 bool Tracker::localize(const FrameSlot& slot, const Pose& T_odom_camera_predicted) {
   const bool was_lost = result_.state == TrackState::Lost;
   prior_.reset();
@@ -238,13 +251,7 @@ bool Tracker::follow(const FrameSlot& slot, const Pose& T_odom_camera_predicted)
     }
     return estimate_.inliers >= kSurely;
   };
-  if (aligns_) {
-    // Around where the picture as a whole says that the camera is.
-    const Pose before = history_[0].T_odom_camera;
-    PosePrior motion = motion_prior(T_odom_camera_predicted, seconds_since_pose(slot));
-    motion.T_camera_world = motion.T_camera_world * before;
-    if (sure(kAroundPrediction, before * inverse(alignment_.align(motion)))) return true;
-  }
+  if (aligns_ && sure(kAroundPrediction, aligned_)) return true;
   // Wider, for what was in view a moment ago: all points would take several times as long.
   SearchWindow wide = kWide;
   wide.found_since = result_.sequence - std::min(result_.sequence, kMoment);

@@ -70,6 +70,7 @@ class Tracker {
  private:
   void start_map(const FrameSlot& slot);
   void start_segment(const FrameSlot& slot);
+  void align(const FrameSlot& slot, const Pose& T_odom_camera_predicted);
   bool localize(const FrameSlot& slot, const Pose& T_odom_camera_predicted);
   bool follow(const FrameSlot& slot, const Pose& T_odom_camera_predicted);
   bool match_and_solve(const SearchWindow& window, const Pose& T_odom_camera);
@@ -124,6 +125,7 @@ class Tracker {
   std::array<PosedStamp, 2> history_;
   int history_size_ = 0;
   int inliers_before_ = 0;          // of the last posed frame
+  Pose aligned_;                    // T_odom_camera of this frame, by small pictures
   bool lost_by_looking_ = false;    // this frame's features alone give no pose
   std::optional<PosePrior> prior_;  // of this frame, for when its features alone are not enough
   Pose T_odom_keyframe_;
