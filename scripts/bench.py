@@ -132,7 +132,7 @@ class Bench:
             spin.kill()
             spin.wait()
             r, words = self.finish(process, out)
-            steps = re.findall(r"quality_(lowered|raised) at frame \d+: (.*)", words)
+            steps = re.findall(r"quality_(lowered|raised) at frame \d+ \((.*)\)", words)
             given_up = [name for kind, name in steps if kind == "lowered"]
             recovered = not steps or steps[-1][1] == "full quality"
             dropped = sum(r["frames"]["dropped"].values())
@@ -156,8 +156,17 @@ def dropped_now(url):
         return sum(int(n) for n in re.findall(r"^stillmap_frames_dropped_total\S* (\d+)$", answer.read().decode(), re.M))
 
 
-def rendered(args):
-    """A log and a network where none is given."""
+def add_source_arguments(parser):
+    parser.add_argument("--log", type=Path, metavar="DIR", help="in TUM format")
+    parser.add_argument("--camera", type=Path, metavar="FILE", default=ROOT / "firmware-config/cameras/tum-fr1.toml", help="the log's camera")
+    parser.add_argument("--model", metavar="FILE", help="ONNX network; default: the installed one")
+    parser.add_argument("--bin", type=Path, default=ROOT / "build/release/bin")
+
+
+def source_of(args):
+    """(log, camera profile, options of the network); a log and a network are made where no log is given."""
+    if args.log:
+        return args.log.resolve(), args.camera, ["--set", f"detector.model={args.model}"] if args.model else []
     log, model = args.out / "log", args.out / "demo.onnx"
     shutil.rmtree(log, ignore_errors=True)
     subprocess.run([args.bin / "stillmap-synth", "--out", log, "--seed", "3", "--people", "6", "--frames", "180"], check=True)
@@ -167,22 +176,16 @@ def rendered(args):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--log", type=Path, metavar="DIR", help="in TUM format")
-    parser.add_argument("--camera", type=Path, metavar="FILE", default=ROOT / "firmware-config/cameras/tum-fr1.toml", help="the log's camera")
-    parser.add_argument("--model", metavar="FILE", help="ONNX network; default: the installed one")
+    add_source_arguments(parser)
     parser.add_argument("--seconds", type=float, default=60, help="of the long run")
     parser.add_argument("--runs", type=int, default=5, help="for the accuracy")
-    parser.add_argument("--bin", type=Path, default=ROOT / "build/release/bin")
     parser.add_argument("--out", type=Path, default=ROOT / "build/bench")
     args = parser.parse_args()
     cores = sorted(os.sched_getaffinity(0))[:2]
     if len(cores) < 2:
         sys.exit("bench.py: this process may use one core only; it measures on two")
     args.out.mkdir(parents=True, exist_ok=True)
-    if args.log:
-        log, camera, model = args.log.resolve(), args.camera, ["--set", f"detector.model={args.model}"] if args.model else []
-    else:
-        log, camera, model = rendered(args)
+    log, camera, model = source_of(args)
     bench = Bench(args, log, camera, model, cores)
     load = os.getloadavg()[0]
     try:
