@@ -141,8 +141,9 @@ bool Recorder::write(const FrameSlot& frame) {
                   depth_name.text());
   const Line colour("%s %s\n", colour_stamp.text(), colour_name.text());
   const Line depth("%s %s\n", depth_stamp.text(), depth_name.text());
-  return append_line(writer_->both, both.bytes()) && append_line(writer_->colour, colour.bytes()) &&
-         append_line(writer_->depth, depth.bytes());
+  // The list that says which frames there are comes last: what stands in it is whole.
+  return append_line(writer_->colour, colour.bytes()) && append_line(writer_->depth, depth.bytes()) &&
+         append_line(writer_->both, both.bytes());
 }
 
 void Recorder::close() {

@@ -107,8 +107,8 @@ class HostileWorld(RunningTest):
                 with self.subTest(megabytes=megabytes):
                     self.assert_error(result, RUN_FAILED, "out of memory")
             return linked and result.returncode == DONE
-        enough = next(megabytes for megabytes in range(60, 600, 8) if runs(megabytes))
-        self.assertGreater(enough, 100)
+        enough = next(megabytes for megabytes in range(28, 600, 8) if runs(megabytes))
+        self.assertGreater(enough, 60)
         self.assertEqual([runs(megabytes) for megabytes in range(enough - 7, enough + 10)].count(True) >= 9, True)
 
 
