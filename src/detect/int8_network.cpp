@@ -27,8 +27,8 @@ void Int8Network::lay_out() {
     }
   };
   const auto make = [&](std::size_t value, std::size_t when) {
-    constexpr std::size_t kAlignment = 64;
-    const std::size_t bytes = (values_[value].shape.size() + kAlignment - 1) / kAlignment * kAlignment;
+    constexpr std::size_t kCacheLine = 64;
+    const std::size_t bytes = (values_[value].shape.size() + kCacheLine - 1) / kCacheLine * kCacheLine;
     pieces.push_back({value, when, when, 0, bytes});
   };
   make(0, 0);

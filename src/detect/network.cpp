@@ -25,18 +25,20 @@ std::vector<std::byte> read_bytes(const std::string& path) {
 Result<std::unique_ptr<Network>> open_on_module(const std::string& path, const Letterbox& letterbox,
                                                 const InputFormat& format) {
   constexpr const char* kLibrary = "libstillmap_network_opencv.so";
-  void* opened = dlopen(kLibrary, RTLD_NOW | RTLD_LOCAL);
-  if (opened == nullptr) {
+  void* library = dlopen(kLibrary, RTLD_NOW | RTLD_LOCAL);
+  if (library == nullptr) {
     return Error{ExitCode::UnreadableInput,
                  std::string("OpenCV's module cannot be opened: ") + dlerror() +
                      "; install the package stillmap-opencv, or quantize the network with "
                      "scripts/quantize_model.py"};
   }
   // A pointer to data and one to a function are alike on every system that has dlopen.
-  const auto entry = reinterpret_cast<NetworkModuleEntry>(dlsym(opened, kNetworkModuleEntry));
+  const auto entry = reinterpret_cast<NetworkModuleEntry>(dlsym(library, kNetworkModuleEntry));
   if (entry == nullptr)
     return Error{ExitCode::UnreadableInput, std::string(kLibrary) + " is no module of stillmap"};
-  return entry(path, letterbox, format);
+  Result<std::unique_ptr<Network>> opened = Error{ExitCode::UnreadableInput, "nothing was opened"};
+  entry(path, letterbox, format, opened);
+  return opened;
 }
 
 }  // namespace

@@ -49,10 +49,10 @@ class Network {
 Result<std::unique_ptr<Network>> open_network(const std::string& path, const Letterbox& letterbox,
                                               const InputFormat& format);
 
-/// The entry of libstillmap_network_opencv.so. Program and module come from one build.
+/// The entry of libstillmap_network_opencv.so, which puts what open_network returns into `opened`. Program
+/// and module come from one build.
 constexpr const char* kNetworkModuleEntry = "stillmap_network_module";
-using NetworkModuleEntry = Result<std::unique_ptr<Network>> (*)(const std::string& path,
-                                                                const Letterbox& letterbox,
-                                                                const InputFormat& format);
+using NetworkModuleEntry = void (*)(const std::string& path, const Letterbox& letterbox,
+                                    const InputFormat& format, Result<std::unique_ptr<Network>>& opened);
 
 }  // namespace stillmap

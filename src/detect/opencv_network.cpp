@@ -226,10 +226,13 @@ Tensor OpencvNetwork::output(std::size_t i) const {
 
 }  // namespace stillmap
 
-extern "C" [[gnu::visibility("default")]] stillmap::Result<std::unique_ptr<stillmap::Network>>
-stillmap_network_module(const std::string& path, const stillmap::Letterbox& letterbox,
-                        const stillmap::InputFormat& format) {
+extern "C" [[gnu::visibility("default")]] void stillmap_network_module(
+    const std::string& path, const stillmap::Letterbox& letterbox, const stillmap::InputFormat& format,
+    stillmap::Result<std::unique_ptr<stillmap::Network>>& opened) {
   auto network = std::make_unique<stillmap::OpencvNetwork>(letterbox, format);
-  if (stillmap::Status s = network->load(path); !s.ok()) return s.error();
-  return std::unique_ptr<stillmap::Network>(std::move(network));
+  if (const stillmap::Status s = network->load(path); !s.ok()) {
+    opened = s.error();
+  } else {
+    opened = std::unique_ptr<stillmap::Network>(std::move(network));
+  }
 }

@@ -83,8 +83,8 @@ TEST(Network, OnOurLayersAgreesWithOpenCv) {
 std::unique_ptr<Network> on_opencv(const std::string& file, const Letterbox& letterbox) {
   void* module = dlopen("libstillmap_network_opencv.so", RTLD_NOW | RTLD_LOCAL);
   EXPECT_NE(module, nullptr) << dlerror();
-  auto opened =
-      reinterpret_cast<NetworkModuleEntry>(dlsym(module, kNetworkModuleEntry))(file, letterbox, kFormat);
+  Result<std::unique_ptr<Network>> opened = Error{};
+  reinterpret_cast<NetworkModuleEntry>(dlsym(module, kNetworkModuleEntry))(file, letterbox, kFormat, opened);
   EXPECT_TRUE(opened.ok());
   return std::move(opened.value());
 }
