@@ -10,7 +10,7 @@ work=$(mktemp -d /var/tmp/stillmap-boot-XXXXXX)
 trap 'rm -rf "$work"' EXIT
 root=$work/root initrd=$work/initrd
 mkdir -p "$out" "$work/packages" "$root"/{usr/{bin,sbin,lib},etc/systemd/system/multi-user.target.wants,dev,proc,sys,run,tmp,var/lib/stillmap,srv} \
-  "$initrd"/{bin,dev,proc,sys,root}
+  "$initrd"/{bin,dev,proc,sys,disk}
 
 if [ ! -d "$out/debs" ]; then
   # shellcheck source=toolchains/private_apt.sh
@@ -82,9 +82,9 @@ mount -t proc proc /proc
 mount -t sysfs sys /sys
 for module in virtio_pci virtio_blk crc32c_generic ext4 virtio_net; do busybox modprobe "$module"; done
 busybox ifconfig eth0 10.0.2.15 netmask 255.255.255.0
-mount -t ext4 /dev/vda /root
-for folder in dev proc sys; do mount --move "/$folder" "/root/$folder"; done
-exec busybox switch_root /root /lib/systemd/systemd
+mount -t ext4 /dev/vda /disk
+for folder in dev proc sys; do mount --move "/$folder" "/disk/$folder"; done
+exec busybox switch_root /disk /lib/systemd/systemd
 EOF
 chmod +x "$initrd/init"
 (cd "$initrd" && find . | busybox cpio -o -H newc) 2>"$work/cpio.txt" | gzip -1 >"$out/initrd"
