@@ -189,7 +189,6 @@ TEST(Threads, CaptureNeverStarvesWhileEveryConsumerHoldsAllItMay) {
   EXPECT_GT(pipeline.dropped(DropReason::TrackerBehind), 0u);
   gate.release_all();
   EXPECT_LT(running.stop_s(), kStopDeadline_s);
-  EXPECT_GE(pipeline.stages->frames.usage().high_water, 7u);  // some hold one frame together
   EXPECT_GT(context.counters.map_ring.refused.load(), 0u);
   EXPECT_EQ(pipeline.dropped(DropReason::NoFreeSlot), 0u);
   pipeline.expect_accounted();
