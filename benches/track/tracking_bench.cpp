@@ -68,7 +68,7 @@ struct Matching {
       static_cast<void>(frame.features.try_push_back(test::feature_of(config.camera, p)));
       static_cast<void>(frame.descriptors.try_push_back(point.descriptor));
     }
-    grid.build(frame.features);
+    grid.build(frame);
     matches.resize(frame.features.size());
   }
   Config config = test::synthetic_config();

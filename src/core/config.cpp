@@ -137,7 +137,7 @@ std::vector<Key> describe(Config& c) {
       {"track.dynamic_rule", &c.track.dynamic_rule, "", "\"silhouette\", \"paper\" or \"off\""},
       {"track.features", &c.track.features, "", "corners per frame", 100, 1200},
       {"track.levels", &c.track.levels, "", "pyramid levels", 1, 8},
-      {"track.scale_factor", &c.track.scale_factor, "", "size ratio of two pyramid levels", 1.05, 2},
+      {"track.scale_factor", &c.track.scale_factor, "", "size ratio of two pyramid levels", 1.05, 1.9},
       {"track.fast_threshold", &c.track.fast_threshold, "grey levels", "corner contrast", 3, 100},
       {"track.fast_threshold_min", &c.track.fast_threshold_min, "grey levels",
        "corner contrast where a cell has none", 2, 100},

@@ -22,10 +22,9 @@ constexpr double kMostMoving = 0.7;                   // of all verdicts; more i
 
 MotionCheck::MotionCheck(Arena& arena, const CameraModel& camera, std::size_t feature_capacity)
     : camera_(camera),
-      past_{{{{arena, feature_capacity}, {arena, feature_capacity, camera}},
-             {{arena, feature_capacity}, {arena, feature_capacity, camera}},
-             {{arena, feature_capacity}, {arena, feature_capacity, camera}}}},
-      grid_(arena, feature_capacity, camera),
+      past_{{{{arena, feature_capacity, camera}},
+             {{arena, feature_capacity, camera}},
+             {{arena, feature_capacity, camera}}}},
       verdicts_(arena.take<Verdict>("motion_check.verdicts", feature_capacity)) {}
 
 MotionCheck::Verdict MotionCheck::verdict_of(const Feature& feature, const Descriptor& descriptor,
@@ -36,38 +35,36 @@ MotionCheck::Verdict MotionCheck::verdict_of(const Feature& feature, const Descr
   if (p.z < 0.1) return Verdict::Unknown;
   const double u = camera_.fx * p.x / p.z + camera_.cx, v = camera_.fy * p.y / p.z + camera_.cy;
   int best = kMaxDistance + 1, second = 257;
-  std::size_t found = 0;
-  past.grid.for_each_near(u, v, kSearchPx * extractor.scale(feature.octave), [&](std::size_t i) {
-    if (std::abs(past.frame.features[i].octave - feature.octave) > 1) return;
-    const int distance = hamming(descriptor, past.frame.descriptors[i]);
+  const FeatureGrid::Item* found = nullptr;
+  const double radius_px = kSearchPx * extractor.scale(feature.octave);
+  past.grid.for_each_near(beside(feature.octave), u, v, radius_px, [&](const FeatureGrid::Item& before) {
+    const int distance = hamming(descriptor, before.descriptor);
     if (distance < best) {
       second = best;
       best = distance;
-      found = i;
+      found = &before;
     } else if (distance < second) {
       second = distance;
     }
   });
   if (best > kMaxDistance) return Verdict::Unknown;
-  const Feature& before = past.frame.features[found];
-  const double off = std::hypot(past.grid.u_of(before) - u, past.grid.v_of(before) - v);
+  const double off = std::hypot(found->u - u, found->v - v);
   if (off < kStillPx * extractor.scale(feature.octave)) return Verdict::Still;
   return best > kDistanceRatio * second ? Verdict::Unknown : Verdict::Moving;
 }
 
-bool MotionCheck::neighbours_move(const FrameFeatures& frame, std::size_t feature) const {
-  const Feature& f = frame.features[feature];
+bool MotionCheck::neighbours_move(const FeatureGrid& grid, const Feature& f) const {
   int still = 0, moving = 0;
-  grid_.for_each_near(grid_.u_of(f), grid_.v_of(f), kNeighbourPx, [&](std::size_t i) {
-    const double z = frame.features[i].depth_m;
-    if (std::abs(z - f.depth_m) > kNeighbourDepthShare * f.depth_m) return;
-    still += verdicts_[i] == Verdict::Still;
-    moving += verdicts_[i] == Verdict::Moving;
+  grid.for_each_near({}, grid.u_of(f), grid.v_of(f), kNeighbourPx, [&](const FeatureGrid::Item& other) {
+    if (std::abs(other.depth_m - f.depth_m) > kNeighbourDepthShare * f.depth_m) return;
+    still += verdicts_[other.feature] == Verdict::Still;
+    moving += verdicts_[other.feature] == Verdict::Moving;
   });
   return moving >= 2 && moving > still;
 }
 
-void MotionCheck::relabel(FrameFeatures& frame, std::span<const FeatureMatch> inliers, Nanoseconds stamp_ns,
+void MotionCheck::relabel(FrameFeatures& frame, const FeatureGrid& grid,
+                          std::span<const FeatureMatch> inliers, Nanoseconds stamp_ns,
                           const Pose& T_odom_camera, const FeatureExtractor& extractor) {
   if (count_ < kFrames || stamp_ns - past_[next_].stamp_ns > kLongestSpan_ns) return;
   const Past& past = past_[next_];  // the oldest of them
@@ -93,11 +90,10 @@ void MotionCheck::relabel(FrameFeatures& frame, std::span<const FeatureMatch> in
   }
   // Where much moves, what could not be checked is not taken on trust either.
   const bool crowded = moving > kCrowded * (moving + still);
-  grid_.build(frame.features);
   for (std::size_t i = 0; i < frame.features.size(); ++i) {
     Feature& f = frame.features[i];
     if (verdicts_[i] == Verdict::Still || f.label != Label::Static || f.depth_m <= 0) continue;
-    if (neighbours_move(frame, i)) {
+    if (neighbours_move(grid, f)) {
       f.label = Label::Dynamic;
     } else if (crowded) {
       f.label = Label::Unknown;
@@ -107,12 +103,7 @@ void MotionCheck::relabel(FrameFeatures& frame, std::span<const FeatureMatch> in
 
 void MotionCheck::remember(const FrameFeatures& frame, Nanoseconds stamp_ns, const Pose& T_odom_camera) {
   Past& past = past_[next_];
-  past.frame.clear();
-  for (std::size_t i = 0; i < frame.features.size(); ++i) {
-    static_cast<void>(past.frame.features.try_push_back(frame.features[i]));
-    static_cast<void>(past.frame.descriptors.try_push_back(frame.descriptors[i]));
-  }
-  past.grid.build(past.frame.features);
+  past.grid.build(frame);
   past.stamp_ns = stamp_ns;
   past.T_odom_camera = T_odom_camera;
   next_ = (next_ + 1) % kFrames;

@@ -23,11 +23,11 @@ class MotionCheck {
  public:
   MotionCheck(Arena& arena, const CameraModel& camera, std::size_t feature_capacity);
 
-  /// Relabels Static features that move as Dynamic. Features that stand on a map point (`inliers`) are still
-  /// by that. When most features would move, it may as well be the pose that is wrong: what is not on a point
-  /// is Unknown then.
-  void relabel(FrameFeatures& frame, std::span<const FeatureMatch> inliers, Nanoseconds stamp_ns,
-               const Pose& T_odom_camera, const FeatureExtractor& extractor);
+  /// Relabels Static features of `frame`, which `grid` indexes, that move as Dynamic. Features that stand on
+  /// a map point (`inliers`) are still by that. When most features would move, it may as well be the pose
+  /// that is wrong: what is not on a point is Unknown then.
+  void relabel(FrameFeatures& frame, const FeatureGrid& grid, std::span<const FeatureMatch> inliers,
+               Nanoseconds stamp_ns, const Pose& T_odom_camera, const FeatureExtractor& extractor);
   /// Keeps the frame for later ones.
   void remember(const FrameFeatures& frame, Nanoseconds stamp_ns, const Pose& T_odom_camera);
   /// Forgets all frames: for when poses no longer connect.
@@ -36,20 +36,18 @@ class MotionCheck {
  private:
   enum class Verdict : std::uint8_t { Unknown, Still, Moving };
   struct Past {
-    FrameFeatures frame;
     FeatureGrid grid;
     Nanoseconds stamp_ns = 0;
     Pose T_odom_camera{};
   };
   Verdict verdict_of(const Feature& feature, const Descriptor& descriptor, const Past& past,
                      const Pose& T_past_current, const FeatureExtractor& extractor) const;
-  bool neighbours_move(const FrameFeatures& frame, std::size_t feature) const;
+  bool neighbours_move(const FeatureGrid& grid, const Feature& feature) const;
 
   static constexpr std::size_t kFrames = 3;
   CameraModel camera_;
   std::array<Past, kFrames> past_;
   std::size_t next_ = 0, count_ = 0;
-  FeatureGrid grid_;
   std::span<Verdict> verdicts_;
 };
 

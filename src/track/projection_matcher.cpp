@@ -81,17 +81,17 @@ int ProjectionMatcher::match(const LocalMap& map, const FrameFeatures& frame, co
     int best = 257, second = 257;
     std::size_t best_feature = 0;
     int best_octave = -1, second_octave = -1;
-    grid.for_each_near(c.u, c.v, window.radius_px * extractor.scale(c.octave), [&](std::size_t i) {
-      const Feature& f = frame.features[i];
-      if (!(window.any_label || usable(f.label)) || std::abs(f.octave - c.octave) > 1) return;
+    const double radius_px = window.radius_px * extractor.scale(c.octave);
+    grid.for_each_near(beside(c.octave), c.u, c.v, radius_px, [&](const FeatureGrid::Item& f) {
+      if (!window.any_label && !usable(frame.features[f.feature].label)) return;
       if (f.depth_m > 0 && std::abs(f.depth_m - c.z) > window.depth_share * c.z) return;
-      const int distance = hamming(point.descriptor, frame.descriptors[i]);
+      const int distance = hamming(point.descriptor, f.descriptor);
       if (distance < best) {
         second = best;
         second_octave = best_octave;
         best = distance;
         best_octave = f.octave;
-        best_feature = i;
+        best_feature = f.feature;
       } else if (distance < second) {
         second = distance;
         second_octave = f.octave;

@@ -2,41 +2,97 @@
 #include "track/pyramid.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstring>
 
+#include "core/check.h"
 #include "core/vector_clones.h"
 
 namespace stillmap {
 
 namespace {
 
-/// Where a target pixel centre falls in the source: index of the left neighbour and the weight of the right
-/// one in 1/128.
-std::uint32_t source_of(int target, double ratio, int source_size) {
-  const double position = std::clamp((target + 0.5) * ratio - 0.5, 0.0, source_size - 1.001);
-  const auto left = static_cast<std::uint32_t>(position);
-  return left << 8 | static_cast<std::uint32_t>(std::lround((position - left) * 128));
+using U8x8 = std::uint8_t __attribute__((vector_size(8)));
+using U8x16 = std::uint8_t __attribute__((vector_size(16)));
+using U16x8 = std::uint16_t __attribute__((vector_size(16)));
+
+/// Byte which[i] of `from` for every i: one instruction of SSSE3 or NEON.
+[[gnu::always_inline]] inline U8x16 pick(U8x16 from, U8x16 which) {
+#if defined(__clang__)
+  U8x16 out;
+  for (int i = 0; i < 16; ++i) out[i] = from[which[i]];
+  return out;
+#else
+  return __builtin_shuffle(from, which);
+#endif
 }
 
-/// Bilinear. Rows first, which the compiler turns into vector code, then the gather along the row.
+/// Where a target pixel centre falls in the source.
+struct Source {
+  int left;      // neighbour
+  int weight_r;  // of the right one, in 1/128
+};
+Source source_of(int target, double ratio, int source_size) {
+  const double position = std::clamp((target + 0.5) * ratio - 0.5, 0.0, source_size - 1.001);
+  const int left = static_cast<int>(position);
+  return {left, static_cast<int>(std::lround((position - left) * 128))};
+}
+
+constexpr int kWidest = 1280;  // picture
+
+/// Eight neighbours of a target row, and where they come from: all within sixteen source columns, since
+/// levels differ by less than a factor of two.
+struct Eight {
+  int first;       // source column that `pick` counts from
+  U8x16 picked;    // their left neighbours, then their right ones
+  U16x8 weight_r;  // in 1/128
+};
+Eight eight_at(int target, double ratio, int source_size) {
+  Eight eight{.first = source_of(target, ratio, source_size).left, .picked = {}, .weight_r = {}};
+  for (int i = 0; i < 8; ++i) {
+    const Source source = source_of(target + i, ratio, source_size);
+    const auto left = static_cast<std::uint8_t>(source.left - eight.first);
+    eight.picked[i] = left;
+    eight.picked[i + 8] = static_cast<std::uint8_t>(left + 1);
+    eight.weight_r[i] = static_cast<std::uint16_t>(source.weight_r);
+  }
+  return eight;
+}
+
+/// Eight target pixels from the source row mixed so far.
+[[gnu::always_inline]] inline U8x8 resample_eight(const std::uint8_t* mixed, const Eight& eight) {
+  U8x16 around;
+  std::memcpy(&around, mixed + eight.first, sizeof around);
+  const U8x16 neighbours = pick(around, eight.picked);
+  std::array<U8x8, 2> side;
+  std::memcpy(side.data(), &neighbours, sizeof neighbours);
+  const U16x8 left = __builtin_convertvector(side[0], U16x8), right = __builtin_convertvector(side[1], U16x8);
+  return __builtin_convertvector((left * (128 - eight.weight_r) + right * eight.weight_r + 64) >> 7, U8x8);
+}
+
+/// Bilinear: down the columns into one row, then along it, rounded each time.
 STILLMAP_VECTOR_CLONES void resample(ImageView<const std::uint8_t> from, ImageView<std::uint8_t> to,
-                                     std::span<std::uint16_t> row, std::span<std::uint32_t> columns) {
+                                     std::span<std::uint8_t> row) {
   const double ratio_x = static_cast<double>(from.width) / to.width;
   const double ratio_y = static_cast<double>(from.height) / to.height;
-  for (int x = 0; x < to.width; ++x) columns[static_cast<std::size_t>(x)] = source_of(x, ratio_x, from.width);
+  std::array<Eight, kWidest / 8> eights;
+  STILLMAP_CHECK(to.width <= kWidest);
+  for (int x = 0; x < to.width; x += 8)
+    eights[static_cast<std::size_t>(x / 8)] = eight_at(x, ratio_x, from.width);
   for (int y = 0; y < to.height; ++y) {
-    const std::uint32_t source = source_of(y, ratio_y, from.height);
-    const std::uint32_t below = source & 255, above = 128 - below;
-    const std::uint8_t* a = from.row(static_cast<int>(source >> 8));
-    const std::uint8_t* b = from.row(static_cast<int>(source >> 8) + 1);
-    std::uint16_t* mixed = row.data();
-    for (int x = 0; x < from.width; ++x) mixed[x] = static_cast<std::uint16_t>(a[x] * above + b[x] * below);
+    const Source source = source_of(y, ratio_y, from.height);
+    const auto below = static_cast<unsigned>(source.weight_r), above = 128 - below;
+    const std::uint8_t *a = from.row(source.left), *b = from.row(source.left + 1);
+    std::uint8_t* mixed = row.data();
+    for (int x = 0; x < from.width; ++x) {
+      const auto sum = static_cast<std::uint16_t>(a[x] * above + b[x] * below + 64);
+      mixed[x] = static_cast<std::uint8_t>(sum >> 7);
+    }
     std::uint8_t* out = to.row(y);
-    for (int x = 0; x < to.width; ++x) {
-      const std::uint32_t column = columns[static_cast<std::size_t>(x)];
-      const std::uint16_t* m = mixed + (column >> 8);
-      const int right = static_cast<int>(column & 255);
-      out[x] = static_cast<std::uint8_t>((m[0] * 128 + (m[1] - m[0]) * right + (1 << 13)) >> 14);
+    for (int x = 0; x < to.width; x += 8) {
+      const U8x8 pixels = resample_eight(mixed, eights[static_cast<std::size_t>(x / 8)]);
+      std::memcpy(out + x, &pixels, static_cast<std::size_t>(std::min(8, to.width - x)));
     }
   }
 }
@@ -85,15 +141,14 @@ Pyramid::Pyramid(Arena& arena, int width, int height, int levels, double scale_f
     smooth_[l] = {arena.take<std::uint8_t>("pyramid.smooth", pixels).data(), w, h, w};
   }
   smooth_row_ = arena.take<std::uint8_t>("pyramid.smooth_row", static_cast<std::size_t>(width));
-  row_ = arena.take<std::uint16_t>("pyramid.row", static_cast<std::size_t>(width));
-  columns_ = arena.take<std::uint32_t>("pyramid.columns", static_cast<std::size_t>(width));
+  row_ = arena.take<std::uint8_t>("pyramid.row", static_cast<std::size_t>(width) + sizeof(U8x16));
 }
 
 void Pyramid::build(ImageView<const std::uint8_t> grey) {
   images_[0] = grey;
   for (std::size_t l = 0; l < static_cast<std::size_t>(levels_); ++l) {
     if (l > 0) {
-      resample(images_[l - 1], resampled_[l], row_, columns_);
+      resample(images_[l - 1], resampled_[l], row_);
       images_[l] = resampled_[l];
     }
     smooth_level(images_[l], smooth_[l], smooth_row_);

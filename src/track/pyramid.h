@@ -32,10 +32,8 @@ class Pyramid {
   std::array<double, kMaxLevels> scales_{};
   std::array<ImageView<const std::uint8_t>, kMaxLevels> images_{};
   std::array<ImageView<std::uint8_t>, kMaxLevels> resampled_{}, smooth_{};
-  std::span<std::uint16_t> row_;        // one row between the two passes of resampling
+  std::span<std::uint8_t> row_;         // one row between the two passes of resampling
   std::span<std::uint8_t> smooth_row_;  // and of smoothing
-  std::span<std::uint32_t>
-      columns_;  // per target column: source column << 8 | weight of the next one (0..128)
 };
 
 }  // namespace stillmap

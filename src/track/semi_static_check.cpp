@@ -61,14 +61,14 @@ int SemiStaticCheck::counterpart(const Feature& feature, const Descriptor& descr
   const Vec3 p = T_previous_current * Vec3{feature.ray_x * z, feature.ray_y * z, z};
   if (p.z <= 0) return -1;
   int best = kMaxDistance + 1, best_index = -1;
-  previous_grid_.for_each_near(camera_.fx * p.x / p.z + camera_.cx, camera_.fy * p.y / p.z + camera_.cy,
-                               kSearchPx, [&](std::size_t i) {
-                                 const int distance = hamming(descriptor, previous_.descriptors[i]);
-                                 if (distance < best) {
-                                   best = distance;
-                                   best_index = static_cast<int>(i);
-                                 }
-                               });
+  const double u = camera_.fx * p.x / p.z + camera_.cx, v = camera_.fy * p.y / p.z + camera_.cy;
+  previous_grid_.for_each_near({}, u, v, kSearchPx, [&](const FeatureGrid::Item& before) {
+    const int distance = hamming(descriptor, before.descriptor);
+    if (distance < best) {
+      best = distance;
+      best_index = before.feature;
+    }
+  });
   return best_index;
 }
 
@@ -105,7 +105,7 @@ void SemiStaticCheck::remember(const FrameFeatures& frame, std::span<const Featu
     if (inliers[i].slot >= 0)
       previous_feature_of_slot_[static_cast<std::size_t>(inliers[i].slot)] = static_cast<std::int32_t>(i);
   }
-  previous_grid_.build(previous_.features);
+  previous_grid_.build(previous_);
 }
 
 }  // namespace stillmap

@@ -132,7 +132,7 @@ const TrackingResult& Tracker::track(const FrameSlot& slot, const DynamicMask& m
     const Vec3 turn_rad = log_so3((inverse(history_[0].T_odom_camera) * aligned_).R);
     straighten_rows(config_.camera, config_.camera.readout_s / seconds * turn_rad, frame_.features);
   }
-  grid_.build(frame_.features);
+  grid_.build(frame_);
   std::fill(matches_.begin(), matches_.end(), FeatureMatch{});
 
   if (result_.state == TrackState::Initializing) {
@@ -152,7 +152,7 @@ const TrackingResult& Tracker::track(const FrameSlot& slot, const DynamicMask& m
     inliers_before_ = result_.inliers;
     if (!result_.is_keyframe) {
       if (checks_motion_)
-        motion_.relabel(frame_, matches(), slot.colour_ns, result_.T_odom_camera, extractor_);
+        motion_.relabel(frame_, grid_, matches(), slot.colour_ns, result_.T_odom_camera, extractor_);
       builder_.refine_points(map_, posed(slot), extractor_);
       matcher_.count_visible(map_, slot.depth);
       if (wants_keyframe()) insert_keyframe(slot);

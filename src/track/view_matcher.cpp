@@ -19,6 +19,7 @@ using Matrix6 = Eigen::Matrix<double, 6, 6, Eigen::RowMajor>;
 constexpr int kMaxDistance = 64;
 constexpr double kRatio = 0.9;
 constexpr int kRivalDistance = 72;  // no nearest one is refused for a second nearest beyond that
+constexpr float kSameSize = 1.45F;
 constexpr int kSamples = 400, kFewestSamples = 20;
 constexpr int kFewestPairs = 8;
 constexpr double kShortest_m = 0.1;  // between two points of a sample
@@ -54,7 +55,8 @@ double ViewMatcher::depth_sigma_m(double z_m) const {
   return 2 * camera_.depth_sigma_m(z_m) + 0.01;
 }
 
-/// All descriptors with all.
+/// Descriptors with those of patches of about the same size in the world: a corner is found again at the
+/// octave that its distance asks for, give or take two.
 void ViewMatcher::compare(const Keyframe& a, const Keyframe& b) {
   std::fill(best_of_a_.begin(), best_of_a_.end(), Best{});
   std::fill(best_of_b_.begin(), best_of_b_.end(), Best{});
@@ -67,14 +69,24 @@ void ViewMatcher::compare(const Keyframe& a, const Keyframe& b) {
       best.second = static_cast<std::int16_t>(distance);
     }
   };
+  const auto size_m = [&](const KeyframeFeature& f) {
+    return static_cast<float>(f.depth_m * scale(f.octave));
+  };
+  const auto size_at = [&](std::uint16_t j) { return size_m(b.features[j]); };
   order_.clear();
   for (std::size_t j = 0; j < b.features.size(); ++j) {
     if (b.features[j].depth_m > 0) static_cast<void>(order_.try_push_back(static_cast<std::uint16_t>(j)));
   }
+  std::ranges::sort(order_, [&](std::uint16_t i, std::uint16_t j) {
+    return std::pair(size_at(i), i) < std::pair(size_at(j), j);
+  });
   for (std::size_t i = 0; i < a.features.size(); ++i) {
     if (a.features[i].depth_m <= 0) continue;
     const Descriptor d = a.descriptors[i];
-    for (const std::uint16_t j : order_) {
+    const float size = size_m(a.features[i]);
+    const auto first = std::ranges::lower_bound(order_, size / kSameSize, {}, size_at);
+    for (auto it = first; it != order_.end() && size_at(*it) < size * kSameSize; ++it) {
+      const std::uint16_t j = *it;
       const int distance = hamming(d, b.descriptors[j]);
       if (distance >= kRivalDistance) continue;
       note(best_of_a_[i], distance, j);

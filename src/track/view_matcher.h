@@ -32,8 +32,8 @@ struct ViewMatch {
 
 /// Looks for the motion between two keyframes that may see the same place, with nothing known of it. It uses
 /// what the keyframes measured themselves, so neither drift nor the map's forgetting matters: descriptors are
-/// compared all with all, three-point absolute orientation in RANSAC, then matching around the motion found
-/// and a robust solve. Used by one thread; no heap after construction.
+/// compared with all of about their size, three-point absolute orientation in RANSAC, then matching around
+/// the motion found and a robust solve. Used by one thread; no heap after construction.
 class ViewMatcher {
  public:
   ViewMatcher(Arena& arena, const Config::Track& config, const CameraModel& camera);

@@ -21,7 +21,7 @@ class ProjectionMatcherTest : public testing::Test, protected test::PosedScene {
  protected:
   int match(const Pose& T_camera_odom = {}, const SearchWindow& window = {}) {
     matcher.project(map, T_camera_odom);
-    grid.build(frame.features);
+    grid.build(frame);
     out.assign(frame.features.size(), {7, 7});
     return matcher.match(map, frame, grid, window, extractor, out);
   }
