@@ -19,9 +19,10 @@ namespace stillmap {
 namespace {
 
 using Mount = std::optional<std::array<double, 7>>;
+using Maybe = std::optional<double>;
 using Triple = std::array<double, 3>;
 using Target = std::variant<bool*, int*, std::int64_t*, double*, std::string*, std::vector<std::string>*,
-                            std::vector<int>*, Triple*, Mount*, DynamicRule*>;
+                            std::vector<int>*, Triple*, Mount*, Maybe*, DynamicRule*>;
 
 /// One setting: where it is stored and what may stand there.
 struct Key {
@@ -73,8 +74,10 @@ std::vector<Key> describe(Config& c) {
       {"camera.depth_noise_m_at_1m", &c.camera.depth_noise_m_at_1m, "m",
        "depth noise (1 sigma) at 1 m; grows with depth^2", 1e-5, 1},
       {"camera.readout_s", &c.camera.readout_s, "s",
-       "from the first row's exposure to the last one's; 0: global shutter, negative: bottom first", -0.1,
-       0.1},
+       "from the first row's exposure to the last one's; 0: global shutter, negative: bottom first; left "
+       "out: "
+       "learned while the camera turns",
+       -0.1, 0.1},
       {"camera.stamp_sigma_s", &c.camera.stamp_sigma_s, "s",
        "how far (1 sigma) exposure may be from the colour stamp: rolling shutter, clock", 0, 0.2},
       {"camera.fps", &c.mount.fps, "Hz", "frame rate", 1, 240},
@@ -202,6 +205,7 @@ std::string value_text(const Target& target) {
     std::string operator()(const Mount* v) const {
       return v->has_value() ? list_text(**v, number_text) : "(unknown)";
     }
+    std::string operator()(const Maybe* v) const { return v->has_value() ? number_text(**v) : "(unknown)"; }
     std::string operator()(const DynamicRule* v) const {
       for (const auto& [name, rule] : kRules) {
         if (rule == *v) return quoted(name);
@@ -221,6 +225,7 @@ std::string expectation(const Key& key) {
     std::string operator()(const int*) const { return "a whole number" + range; }
     std::string operator()(const std::int64_t*) const { return "a whole number" + range; }
     std::string operator()(const double*) const { return "a number" + range; }
+    std::string operator()(const Maybe*) const { return "a number" + range; }
     std::string operator()(const std::string*) const { return "a text"; }
     std::string operator()(const std::vector<std::string>*) const { return "a list of texts"; }
     std::string operator()(const std::vector<int>*) const { return "a list of whole numbers" + range; }
@@ -260,6 +265,12 @@ bool assign(Key& key, const toml::node& node) {
       if (!node.is_number()) return false;
       const double v = *node.value<double>();
       if (!in_range(v)) return false;
+      *to = v;
+      return true;
+    }
+    bool operator()(Maybe* to) const {
+      double v = 0;
+      if (!(*this)(&v)) return false;
       *to = v;
       return true;
     }

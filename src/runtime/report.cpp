@@ -37,7 +37,7 @@ Json frames_part(const RunCounters& c) {
   return {{"offered", c.offered.load()}, {"processed", c.processed.load()}, {"dropped", dropped}};
 }
 
-Json tracking_part(const RunCounters& c) {
+Json tracking_part(const RunCounters& c, const Tracker& tracker) {
   return {{"tracked", c.tracked.load()},
           {"weak", c.weak.load()},
           {"lost", c.lost.load()},
@@ -45,6 +45,7 @@ Json tracking_part(const RunCounters& c) {
           {"segments", c.segments.load()},
           {"keyframes", c.keyframes.load()},
           {"corrections", c.corrections.load()},
+          {"readout_s", rounded(tracker.readout_s(), 5)},
           {"features",
            {{"static", c.static_features.load()},
             {"dynamic", c.dynamic_features.load()},
@@ -149,7 +150,7 @@ std::string make_report(const RunContext& context, const ReportFacts& facts) {
   report["config_sha256"] = facts.config_sha256;
   report["model_sha256"] = facts.model_sha256;
   report["frames"] = frames_part(c);
-  report["tracking"] = tracking_part(c);
+  report["tracking"] = tracking_part(c, context.stages.track.tracker());
   report["latency_ms"] = {{"capture_to_pose", quantiles(context.track_log.capture_to_pose)},
                           {"decode", quantiles(context.capture_log.decode_time)},
                           {"track", quantiles(context.track_log.track_time)},

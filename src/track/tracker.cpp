@@ -69,6 +69,7 @@ Tracker::Tracker(Arena& arena, const Config& config)
       motion_(arena, config.camera, kFeatureCapacity),
       adjustment_(arena, config.camera, static_cast<std::size_t>(config.track.points)),
       loops_(arena, config.track, config.camera),
+      readout_(arena, config.camera, static_cast<std::size_t>(config.track.points), kFeatureCapacity),
       matches_(arena.take<FeatureMatch>("matches", kFeatureCapacity)),
       observations_(arena.take<PoseObservation>("pose_observations", kFeatureCapacity)),
       observed_feature_(arena.take<std::uint16_t>("pose_observations.feature", kFeatureCapacity)) {
@@ -127,10 +128,11 @@ const TrackingResult& Tracker::track(const FrameSlot& slot, const DynamicMask& m
   sample_depth(slot.depth, config_.camera, T_depth_colour, frame_.features);
   label_features(mask);
   align(slot, predicted);
+  std::optional<Vec3> turn_rad_per_s;
   if (const double seconds = seconds_since_pose(slot);
-      config_.camera.readout_s != 0 && history_size_ > 0 && seconds > 0 && seconds <= kSteady_s) {
-    const Vec3 turn_rad = log_so3((inverse(history_[0].T_odom_camera) * aligned_).R);
-    straighten_rows(config_.camera, config_.camera.readout_s / seconds * turn_rad, frame_.features);
+      history_size_ > 0 && seconds > 0 && seconds <= kSteady_s) {
+    turn_rad_per_s = (1 / seconds) * log_so3((inverse(history_[0].T_odom_camera) * aligned_).R);
+    straighten_rows(config_.camera, readout_.readout_s() * *turn_rad_per_s, frame_.features);
   }
   grid_.build(frame_);
   std::fill(matches_.begin(), matches_.end(), FeatureMatch{});
@@ -138,6 +140,8 @@ const TrackingResult& Tracker::track(const FrameSlot& slot, const DynamicMask& m
   if (result_.state == TrackState::Initializing) {
     start_map(slot);
   } else if (localize(slot, predicted)) {
+    if (turn_rad_per_s)
+      readout_.observe(frame_.features, matches(), slot.colour_ns, result_.T_odom_camera, *turn_rad_per_s);
     judge();
   } else {
     result_.state = TrackState::Lost;
@@ -164,6 +168,7 @@ const TrackingResult& Tracker::track(const FrameSlot& slot, const DynamicMask& m
     semi_static_.remember(frame_, matches());
   } else {
     alignment_.forget();
+    readout_.clear();
     motion_.clear();
     history_size_ = std::min(history_size_, 1);
   }

@@ -24,6 +24,7 @@
 #include "track/place_index.h"
 #include "track/pose_solver.h"
 #include "track/projection_matcher.h"
+#include "track/readout_estimator.h"
 #include "track/relocalizer.h"
 #include "track/semi_static_check.h"
 
@@ -44,6 +45,8 @@ class Tracker {
   /// Tracks one frame. `mask` says what moves in it. The result stays valid until the next call.
   const TrackingResult& track(const FrameSlot& frame, const DynamicMask& mask);
 
+  /// From the first row's exposure to the last one's, as the camera's profile has it or as learned so far.
+  double readout_s() const { return readout_.readout_s(); }
   /// Of the keyframe that `track`'s newest result refers to.
   Pose T_odom_reference_keyframe() const { return T_odom_keyframe_; }
   /// Where all keyframes are now, of the newest result's epoch.
@@ -111,6 +114,7 @@ class Tracker {
   MotionCheck motion_;
   LocalAdjustment adjustment_;
   LoopClosing loops_;
+  ReadoutEstimator readout_;
   std::span<FeatureMatch> matches_;
   ArenaVector<PoseObservation> observations_;
   std::span<std::uint16_t> observed_feature_;  // which feature observation i belongs to
