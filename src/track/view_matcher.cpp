@@ -19,7 +19,7 @@ using Matrix6 = Eigen::Matrix<double, 6, 6, Eigen::RowMajor>;
 constexpr int kMaxDistance = 64;
 constexpr double kRatio = 0.9;
 constexpr int kRivalDistance = 72;  // no nearest one is refused for a second nearest beyond that
-constexpr float kSameSize = 1.45F;
+constexpr float kSameSize = 2.5F;
 constexpr int kSamples = 400, kFewestSamples = 20;
 constexpr int kFewestPairs = 8;
 constexpr double kShortest_m = 0.1;  // between two points of a sample
@@ -55,8 +55,8 @@ double ViewMatcher::depth_sigma_m(double z_m) const {
   return 2 * camera_.depth_sigma_m(z_m) + 0.01;
 }
 
-/// Descriptors with those of patches of about the same size in the world: a corner is found again at the
-/// octave that its distance asks for, give or take two.
+/// Descriptors with those of patches of like size in the world: a corner is found again at the
+/// octave that its distance asks for, give or take five.
 void ViewMatcher::compare(const Keyframe& a, const Keyframe& b) {
   std::fill(best_of_a_.begin(), best_of_a_.end(), Best{});
   std::fill(best_of_b_.begin(), best_of_b_.end(), Best{});
