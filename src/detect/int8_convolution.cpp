@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "core/check.h"
+#include "core/vector_clones.h"
 
 namespace stillmap {
 
@@ -23,6 +24,17 @@ T round_up(T value, T step) {
 
 std::size_t size(int a, int b, int c = 1) {
   return static_cast<std::size_t>(a) * static_cast<std::size_t>(b) * static_cast<std::size_t>(c);
+}
+
+/// `count` values, `step` apart.
+STILLMAP_VECTOR_CLONES void take_every(const std::int8_t* from, int step, int count, std::int8_t* out) {
+  if (step == 1) {
+    std::copy_n(from, count, out);
+  } else if (step == 2) {
+    for (int i = 0; i < count; ++i) out[i] = from[2 * i];
+  } else {
+    for (int i = 0; i < count; ++i) out[i] = from[i * step];
+  }
 }
 
 /// One 32-bit word of the weights of channels side by side.
@@ -165,7 +177,7 @@ std::int8_t* Int8Convolution::unroll(const std::int8_t* in, int width, int heigh
     }
     const std::int8_t* row = plane + size(from_y, width);
     std::fill_n(to, first, zero);
-    for (int x = first; x < end; ++x) to[x] = row[x * stride - shift];
+    take_every(row + first * stride - shift, stride, end - first, to + first);
     std::fill_n(to + end, columns - end, zero);
   }
   return to;

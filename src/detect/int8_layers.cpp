@@ -3,7 +3,36 @@
 
 #include <algorithm>
 
+#include "core/vector_clones.h"
+
 namespace stillmap {
+
+namespace {
+
+/// out[i] = the larger of it and from[i * step].
+STILLMAP_VECTOR_CLONES void take_larger(const std::int8_t* from, int step, int count, std::int8_t* out) {
+  if (step == 2) {
+    for (int i = 0; i < count; ++i) out[i] = std::max(out[i], from[2 * i]);
+  } else {
+    for (int i = 0; i < count; ++i) out[i] = std::max(out[i], from[i * step]);
+  }
+}
+
+/// A row of twice the width, between the row at three quarters of the weight and the one at a quarter.
+STILLMAP_VECTOR_CLONES void double_row(const std::int8_t* near, const std::int8_t* far, int width,
+                                       std::int8_t* out) {
+  const auto above = [=](int x) { return 3 * near[x] + far[x]; };  // in quarters
+  const auto level = [](int sixteenths) { return static_cast<std::int8_t>(sixteenths / 16); };
+  out[0] = level(4 * above(0));
+  for (int x = 0; x + 1 < width; ++x) {
+    const int left = above(x), right = above(x + 1);
+    out[2 * x + 1] = level(3 * left + right);
+    out[2 * x + 2] = level(left + 3 * right);
+  }
+  out[2 * width - 1] = level(4 * above(width - 1));
+}
+
+}  // namespace
 
 void MaxPool::run(const TensorShape& shape, const std::int8_t* in, std::int8_t* out) const {
   const TensorShape to = shape_of(shape);
@@ -17,8 +46,8 @@ void MaxPool::run(const TensorShape& shape, const std::int8_t* in, std::int8_t* 
           // Output columns from `first` to `end` see the picture with this column of the square.
           const int shift = pad - k;
           const int end = std::clamp((shape.width + shift + stride - 1) / stride, 0, to.width);
-          for (int x = std::max((shift + stride - 1) / stride, 0); x < end; ++x)
-            out[x] = std::max(out[x], row[x * stride - shift]);
+          const int first = std::max((shift + stride - 1) / stride, 0);
+          if (first < end) take_larger(row + first * stride - shift, stride, end - first, out + first);
         }
       }
     }
@@ -31,14 +60,7 @@ void Doubling::run(const TensorShape& shape, const std::int8_t* in, std::int8_t*
       const auto row = [&](int at) {
         return in + std::ptrdiff_t{std::clamp(at, 0, shape.height - 1)} * shape.width;
       };
-      const std::int8_t *near = row(y / 2), *far = row(y % 2 == 0 ? y / 2 - 1 : y / 2 + 1);
-      const auto above = [&](int x) { return 3 * near[x] + far[x]; };  // in quarters
-      const auto level = [](int sixteenths) { return static_cast<std::int8_t>(sixteenths / 16); };
-      for (int x = 0; x < shape.width; ++x) {
-        const int here = 3 * above(x);
-        out[2 * x] = level(here + above(std::max(x - 1, 0)));
-        out[2 * x + 1] = level(here + above(std::min(x + 1, shape.width - 1)));
-      }
+      double_row(row(y / 2), row(y % 2 == 0 ? y / 2 - 1 : y / 2 + 1), shape.width, out);
     }
   }
 }

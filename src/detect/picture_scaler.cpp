@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "core/check.h"
+#include "core/halve.h"
 
 namespace stillmap {
 
@@ -62,7 +63,9 @@ std::vector<PictureScaler::Tap> PictureScaler::averaging(int from, int to) {
 }
 
 void PictureScaler::row(ImageView<const Bgr> from, int y, std::span<Bgr> out) {
-  if (whole_x_ > 0) {
+  if (whole_x_ == 2 && whole_y_ == 2) {
+    halve_row(from.row(2 * y), from.row(2 * y + 1), out);
+  } else if (whole_x_ > 0) {
     average_whole(from, y, out);
   } else if (averages_) {
     average(from, rows_[static_cast<std::size_t>(y)], out);
@@ -88,7 +91,7 @@ void PictureScaler::interpolate(ImageView<const Bgr> from, const Tap& tap, std::
 }
 
 void PictureScaler::average_whole(ImageView<const Bgr> from, int y, std::span<Bgr> out) const {
-  const int count = whole_x_ * whole_y_;
+  const float share = 1.f / static_cast<float>(whole_x_ * whole_y_);
   for (std::size_t x = 0; x < out.size(); ++x) {
     int b = 0, g = 0, r = 0;
     for (int dy = 0; dy < whole_y_; ++dy) {
@@ -99,10 +102,7 @@ void PictureScaler::average_whole(ImageView<const Bgr> from, int y, std::span<Bg
         r += row[dx].r;
       }
     }
-    const auto mean = [count](int sum) {
-      return count == 4 ? static_cast<std::uint8_t>((sum + 2) >> 2)
-                        : level(static_cast<float>(sum) * (1.f / static_cast<float>(count)));
-    };
+    const auto mean = [share](int sum) { return level(static_cast<float>(sum) * share); };
     out[x] = {mean(b), mean(g), mean(r)};
   }
 }

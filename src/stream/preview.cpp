@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/halve.h"
 #include "stream/scene_encoding.h"
 
 namespace stillmap::stream {
@@ -51,6 +52,10 @@ void Preview::shrink(ImageView<const Bgr> colour) {
   const int step = size_.step, count = step * step;
   for (int y = 0; y < size_.height; ++y) {
     Bgr* to = view().row(y);
+    if (step == 2) {
+      halve_row(colour.row(2 * y), colour.row(2 * y + 1), {to, static_cast<std::size_t>(size_.width)});
+      continue;
+    }
     for (int x = 0; x < size_.width; ++x) {
       int b = 0, g = 0, r = 0;
       for (int dy = 0; dy < step; ++dy) {
