@@ -163,13 +163,14 @@ def add_source_arguments(parser):
     parser.add_argument("--bin", type=Path, default=ROOT / "build/release/bin")
 
 
-def source_of(args):
-    """(log, camera profile, options of the network); a log and a network are made where no log is given."""
+def source_of(args, way=("--people", "6", "--frames", "180")):
+    """(log, camera profile, options of the network); a log, the `way` of stillmap-synth, and a network are made where no
+    log is given."""
     if args.log:
         return args.log.resolve(), args.camera, ["--set", f"detector.model={args.model}"] if args.model else []
     log, model = args.out / "log", args.out / "demo.onnx"
     shutil.rmtree(log, ignore_errors=True)
-    subprocess.run([args.bin / "stillmap-synth", "--out", log, "--seed", "3", "--people", "6", "--frames", "180"], check=True)
+    subprocess.run([args.bin / "stillmap-synth", "--out", log, "--seed", "3", *way], check=True)
     subprocess.run([ROOT / "scripts/make_demo_model.py", model], check=True)
     return log, ROOT / "firmware-config/cameras/synthetic.toml", ["--config", ROOT / "firmware-config/demo.toml", "--set", f"detector.model={model}"]
 

@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs for minutes or hours and judges that nothing grows, nothing drifts and nothing is lost beyond policy; prints a table.
 
-    soak.py [--minutes 60] [--log DIR] [--camera FILE] [--model FILE]
+    soak.py [--minutes 60] [--log DIR] [--camera FILE] [--model FILE] [--small]
 
 Without a log, one is rendered, and the demo's network looks at it. The log is played forwards and backwards in turn in
 realtime, while clients of the stream come and go, and /metrics is read every few seconds. A machine that is busy with
-something else drops frames, which the table then says.
+something else drops frames, which the table then says. With --small the map and the tracker hold a part of the way only, a
+lap around a rendered room where no log is given, so that blocks, points and keyframes are evicted all the time.
 """
 import argparse
 import re
@@ -21,6 +22,8 @@ from stillmap_runs import ROOT, RunFailed, print_table, read_report
 from stream_client import StreamClient
 
 SAMPLE_S, CLIENT_S = 5, 20
+SMALL = ["map.capacity_voxels=102400", "track.keyframes=12", "track.points=2000"]
+A_LAP = ["--people", "2", "--path", "walk", "--frames", "640"]
 NOT_LATE = {"tracker_behind", "driver_dropped"}  # what a live source may lose where the machine is short of time
 
 
@@ -55,6 +58,15 @@ def frames_a_second(log):
     lines = (log / "rgb.txt").read_text(encoding="utf-8").splitlines()
     stamps = [float(line.split()[0]) for line in lines if line and not line.startswith("#")]
     return (len(stamps) - 1) / (stamps[-1] - stamps[0])
+
+
+def judge_evictions(report):
+    """Rows as judge() has them: more came than there is room for."""
+    pools, blocks = report["memory"]["pools"], report["map"]["blocks_evicted"]
+    keyframes, points = pools["keyframes"]["refused"], pools["points"]
+    return [("blocks evicted", blocks, "> 0", "yes" if blocks > 0 else "no"),
+            ("keyframes evicted", keyframes, "> 0", "yes" if keyframes > 0 else "no"),
+            ("points at most", points["high_water"], points["capacity"], "yes" if points["high_water"] == points["capacity"] else "no")]
 
 
 def judge(samples, report, clients, due):
@@ -93,14 +105,17 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     add_source_arguments(parser)
     parser.add_argument("--minutes", type=float, default=60)
+    parser.add_argument("--small", action="store_true", help="hold a part of the way only")
     parser.add_argument("--out", type=Path, default=ROOT / "build/soak")
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
     try:
-        log, camera, model = source_of(args)
+        log, camera, options = source_of(args, A_LAP) if args.small else source_of(args)
+        for setting in SMALL if args.small else []:
+            options += ["--set", setting]
         report = args.out / "report.json"
         command = [args.bin / "stillmap", "run", "--source", f"tum:{log}", "--mode", "realtime", "--loop", "100000", "--config", camera,
-                   "--config", ROOT / "firmware-config/boards/two-core.toml", *model, "--listen", "127.0.0.1:0", "--report", report]
+                   "--config", ROOT / "firmware-config/boards/two-core.toml", *options, "--listen", "127.0.0.1:0", "--report", report]
         words = args.out / "log.txt"
         with open(words, "w") as file:
             process = subprocess.Popen([str(word) for word in command], stderr=file)
@@ -111,8 +126,12 @@ def main():
             process.wait()
         if process.returncode != 0:
             raise RunFailed(f"exit code {process.returncode}, see {words}")
+        if len(samples) < 2:
+            raise RunFailed(f"--minutes {args.minutes} is too short: expected two samples or more, one in {SAMPLE_S} s")
         rows = judge(samples, read_report(report), clients, frames_a_second(log))
-    except RunFailed as error:
+        if args.small:
+            rows += judge_evictions(read_report(report))
+    except (RunFailed, OSError) as error:
         print(f"soak.py: {error}", file=sys.stderr)
         return 1
     print_table(rows, ("what", "value", "bound", "good"))
