@@ -255,18 +255,119 @@ inline void strip(const DepthwiseJob& job, const Offsets& offsets, int channel, 
   }
 }
 
+/// A byte in each of a word's four.
+constexpr std::int32_t four_of(int byte) {
+  return static_cast<std::int32_t>(static_cast<std::uint32_t>(byte) * 0x01010101u);
+}
+
+#if defined(__AVX512VNNI__)
+
+using Word = std::uint32_t __attribute__((vector_size(4 * kLanes)));
+
+/// One channel between its margins as words of four rows: scratch[row][phase][column] holds the bytes of that
+/// row and the three below it, 128 more each, so that a kernel's column is one product of four. In margins it
+/// stays as it was filled.
+template <int kStep>
+inline void stack(const DepthwiseJob& job, const std::int8_t* in, int rows) {
+  auto* words = reinterpret_cast<std::int32_t*>(job.scratch);
+  const auto pitch = static_cast<int>(job.scratch_pitch);
+  const auto shifted = [](Whole values) { return reinterpret_cast<Word>(values + 128) << 24; };
+  for (int phase = 0; phase < kStep; ++phase) {
+    const int shift = job.pad_x - phase, first = shift > 0 ? (shift + kStep - 1) / kStep : 0;
+    const int reach = (job.width + shift + kStep - 1) / kStep, end = reach < pitch ? reach : pitch;
+    for (int c = first; c < end; c += kLanes) {
+      const int count = end - c < kLanes ? end - c : kLanes;
+      const auto lanes = static_cast<__mmask16>((1u << count) - 1);
+      const auto bytes = static_cast<__mmask32>((1u << (kStep * (count - 1) + 1)) - 1);
+      const std::int8_t* from = in + c * kStep - shift;
+      std::int32_t* to = words + phase * pitch + c;
+      Word word = Word{} + static_cast<std::uint32_t>(four_of(job.in_zero + 128));
+      for (int y = -3; y < rows; ++y) {
+        const int from_y = y + 3 - job.pad_y;
+        Word lowest = shifted(Whole{} + job.in_zero);
+        if (from_y >= 0 && from_y < job.height) {
+          const __m256i row =
+              _mm256_maskz_loadu_epi8(bytes, from + static_cast<std::ptrdiff_t>(from_y) * job.width);
+          const __m128i values =
+              kStep == 1 ? _mm256_castsi256_si128(row) : _mm256_maskz_cvtepi16_epi8(0xffff, row);
+          lowest = shifted(__builtin_convertvector(reinterpret_cast<Bytes>(values), Whole));
+        }
+        word = word >> 8 | lowest;
+        if (y < 0) continue;
+        _mm512_mask_storeu_epi32(to + static_cast<std::ptrdiff_t>(y) * kStep * pitch, lanes,
+                                 reinterpret_cast<__m512i>(word));
+      }
+    }
+  }
+}
+
+/// As strip(), from words of four rows.
+template <int kSize, int kStep>
+inline void strip_of_words(const DepthwiseJob& job, int channel, int y, int columns, std::int8_t* out) {
+  constexpr int kStacks = (kSize + 3) / 4;
+  const float* weights = job.weights + static_cast<std::ptrdiff_t>(channel) * kSize * kSize;
+  __m512i products[kStacks][kSize];
+  int start = job.after.bias[channel];
+  for (int kx = 0; kx < kSize; ++kx) {
+    std::uint32_t word[kStacks] = {};
+    for (int ky = 0; ky < kSize; ++ky) {
+      const int weight = static_cast<int>(weights[ky * kSize + kx]);
+      start -= 128 * weight;
+      word[ky / 4] |= (static_cast<std::uint32_t>(weight) & 255) << 8 * (ky % 4);
+    }
+    for (int i = 0; i < kStacks; ++i) products[i][kx] = _mm512_set1_epi32(static_cast<int>(word[i]));
+  }
+  const auto pitch = static_cast<std::ptrdiff_t>(job.scratch_pitch);
+  const auto* left = reinterpret_cast<const std::int32_t*>(job.scratch) + y * kStep * kStep * pitch;
+  for (int x = 0; x < columns; x += kLanes) {
+    for (int r = 0; r < kDepthwiseRows; ++r) {
+      __m512i sum = _mm512_set1_epi32(start);
+#pragma GCC unroll 16
+      for (int tap = 0; tap < kStacks * kSize; ++tap) {
+        const int kx = tap % kSize, row = r * kStep + 4 * (tap / kSize);
+        const __m512i stacked =
+            _mm512_loadu_si512(left + x + (row * kStep + kx % kStep) * pitch + kx / kStep);
+        sum = _mm512_dpbusd_epi32(sum, stacked, products[tap / kSize][kx]);
+      }
+      *reinterpret_cast<Bytes*>(out + r * columns + x) =
+          narrow(reinterpret_cast<Whole>(sum), job.after.multiplier[channel], job.after.zero);
+    }
+  }
+}
+
+constexpr bool kStacked = true;
+#else
+constexpr bool kStacked = false;
+template <int kStep>
+void stack(const DepthwiseJob& job, const std::int8_t* in, int rows);
+template <int kSize, int kStep>
+void strip_of_words(const DepthwiseJob& job, int channel, int y, int columns, std::int8_t* out);
+#endif
+
 template <int kSize, int kStep>
 void depthwise_of(const DepthwiseJob& job) {
   const int columns = (job.out_width + kDepthwiseColumns - 1) / kDepthwiseColumns * kDepthwiseColumns;
   const Offsets offsets(job);
   const std::size_t floats = job.scratch_pitch * static_cast<std::size_t>(job.scratch_rows * job.stride);
   std::int8_t* bytes = reinterpret_cast<std::int8_t*>(job.scratch + floats);
-  for (std::size_t i = 0; i < floats; ++i) job.scratch[i] = static_cast<float>(job.in_zero);
+  constexpr bool kWords = kStacked && kSize > 0;
+  const Whole around = Whole{} + (kWords ? four_of(job.in_zero + 128)
+                                         : __builtin_bit_cast(std::int32_t, static_cast<float>(job.in_zero)));
+  for (std::size_t i = 0; i < floats; i += kLanes) *reinterpret_cast<Whole*>(job.scratch + i) = around;
   for (int c = 0; c < job.channels; ++c) {
-    spread(job, job.in + static_cast<std::ptrdiff_t>(c) * job.width * job.height);
+    const std::int8_t* in = job.in + static_cast<std::ptrdiff_t>(c) * job.width * job.height;
+    if constexpr (kWords) {
+      stack<kStep>(job, in, job.scratch_rows + 1 - kSize + (kSize - 1) / 4 * 4);
+    } else {
+      spread(job, in);
+    }
     std::int8_t* out = job.out + static_cast<std::ptrdiff_t>(c) * job.out_width * job.out_height;
     for (int y = 0; y < job.out_height; y += kDepthwiseRows) {
-      strip<kSize, kStep>(job, offsets, c, y, columns, bytes);
+      if constexpr (kWords) {
+        strip_of_words<kSize, kStep>(job, c, y, columns, bytes);
+      } else {
+        strip<kSize, kStep>(job, offsets, c, y, columns, bytes);
+      }
       if (job.after.lut != nullptr) {
         for (int i = 0; i < kDepthwiseRows * columns; i += kDenseBlock) look_up(bytes + i, job.after.lut);
       }
