@@ -47,12 +47,15 @@ template <class Queue>
 void pass_items(benchmark::State& state, Queue& queue) {
   std::atomic<bool> stop{false};
   std::thread consumer([&] {
-    while (!stop.load(std::memory_order_relaxed)) benchmark::DoNotOptimize(queue.try_pop());
+    while (!stop.load(std::memory_order_relaxed)) {
+      const auto item = queue.try_pop();
+      benchmark::DoNotOptimize(item);
+      if (!item) std::this_thread::yield();
+    }
   });
   std::uint64_t number = 0;
   for (auto _ : state) {
-    while (!queue.try_push(Item{++number})) {
-    }
+    while (!queue.try_push(Item{++number})) std::this_thread::yield();
   }
   stop = true;
   consumer.join();
