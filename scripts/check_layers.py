@@ -25,7 +25,7 @@ LIBRARIES = {
     "CLI11": (("CLI/",), ("app",)),
     "toml++": (("toml++/",), None),
     "libspng": (("spng.h",), None),
-    "libjpeg": (("jpeglib.h", "jerror.h", "turbojpeg.h"), ("drivers", "stream")),
+    "libjpeg": (("jpeglib.h", "jerror.h", "turbojpeg.h"), None),
     "libwebsockets": (("libwebsockets.h",), None),
     "nanopb": (("pb.h", "pb_encode.h", "pb_decode.h"), ("stream",)),
     "OpenSSL": (("openssl/",), None),

@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "drivers/pictures/png.h"
+
 #include <spng.h>
 
 #include <algorithm>
@@ -7,8 +9,7 @@
 #include <utility>
 #include <vector>
 
-#include "drivers/pictures/codecs.h"
-#include "drivers/pictures/scratch.h"
+#include "core/scratch.h"
 
 namespace stillmap {
 

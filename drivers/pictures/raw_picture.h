@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <optional>
 
-#include "drivers/pictures/codecs.h"
+#include "core/jpeg.h"
 
 namespace stillmap {
 
@@ -20,6 +20,27 @@ enum class PixelFormat : std::uint8_t {
   Mjpg,    ///< a JPEG file, also without Huffman tables
   Depth16  ///< 16 bits, little endian
 };
+
+/// Four letters, as Video4Linux calls it: "YUYV", "NV12", "RGB3", "BGR3", "GREY", "MJPG", "Z16".
+inline const char* name_of(PixelFormat format) {
+  switch (format) {
+    case PixelFormat::Yuyv:
+      return "YUYV";
+    case PixelFormat::Nv12:
+      return "NV12";
+    case PixelFormat::Rgb:
+      return "RGB3";
+    case PixelFormat::Bgr:
+      return "BGR3";
+    case PixelFormat::Grey:
+      return "GREY";
+    case PixelFormat::Mjpg:
+      return "MJPG";
+    case PixelFormat::Depth16:
+      return "Z16";
+  }
+  return "?";
+}
 
 /// A picture as it lies in a driver's buffer; somebody else owns the bytes.
 struct RawPicture {

@@ -13,8 +13,9 @@
 #include <optional>
 #include <span>
 #include <utility>
+#include <vector>
 
-#include "drivers/pictures/codecs.h"
+#include "drivers/pictures/png.h"
 
 namespace stillmap {
 
@@ -73,7 +74,10 @@ class Line {
 
 struct Recorder::Writer {
   explicit Writer(const Setup& s) : png(s.width, s.height) {
-    if (!s.exact_colour) jpeg.emplace(s.width, s.height, s.jpeg_quality);
+    if (s.exact_colour) return;
+    jpeg.emplace(Scratch(JpegEncoder::memory_bytes(s.width)), s.width, s.height);
+    // Noise at quality 100 is as large as the picture.
+    jpeg_file.resize(static_cast<std::size_t>(s.width) * static_cast<std::size_t>(s.height) * 3 + (1 << 16));
   }
   ~Writer() {
     for (const int file : {both, colour, depth, folder}) {
@@ -87,8 +91,14 @@ struct Recorder::Writer {
     return openat(folder, name, O_WRONLY | O_CREAT | O_EXCL | O_APPEND | O_CLOEXEC, 0644);
   }
 
+  std::span<const std::byte> encode_colour(ImageView<const Bgr> picture, int quality) {
+    if (!jpeg) return png.encode_colour(picture);
+    return std::span(jpeg_file).first(jpeg->encode(picture, quality, jpeg_file));
+  }
+
   PngEncoder png;
-  std::optional<JpegEncoder> jpeg;
+  std::optional<JpegEncoder> jpeg;  // where colour is not exact
+  std::vector<std::byte> jpeg_file;
   int folder = -1, both = -1, colour = -1, depth = -1;  // the folder and its three lists
 };
 
@@ -133,9 +143,9 @@ bool Recorder::write(const FrameSlot& frame) {
   const Line depth_stamp("%" PRId64 ".%09" PRId64, seconds(d), rest(d));
   const Line colour_name("rgb/%s.%s", colour_stamp.text(), writer_->jpeg ? "jpg" : "png");
   const Line depth_name("depth/%s.png", depth_stamp.text());
-  const auto colour_file =
-      writer_->jpeg ? writer_->jpeg->encode_colour(frame.colour) : writer_->png.encode_colour(frame.colour);
-  if (!write_file(writer_->folder, colour_name.text(), colour_file)) return false;
+  if (!write_file(writer_->folder, colour_name.text(),
+                  writer_->encode_colour(frame.colour, setup_.jpeg_quality)))
+    return false;
   if (!write_file(writer_->folder, depth_name.text(), writer_->png.encode_depth(frame.depth))) return false;
   const Line both("%s %s %s %s\n", colour_stamp.text(), colour_name.text(), depth_stamp.text(),
                   depth_name.text());

@@ -8,7 +8,7 @@
 #include <algorithm>
 #include <utility>
 
-#include "drivers/pictures/codecs.h"
+#include "drivers/pictures/png.h"
 #include "drivers/tum_log/frame_list.h"
 
 namespace stillmap {

@@ -25,8 +25,10 @@ Preview::Preview(Arena& arena, const Config& config)
       person_class_(static_cast<std::size_t>(std::ranges::find(config.classes.names, "person") -
                                              config.classes.names.begin())),
       pixels_(arena.take<Bgr>("stream.preview", static_cast<std::size_t>(size_.width * size_.height))),
-      jpeg_(arena.take<std::uint8_t>("stream.preview_jpeg", kJpegBytes)),
-      encoder_(arena, size_.width, size_.height) {}
+      jpeg_(arena.take<std::uint8_t>("stream.preview_jpeg", kJpegBytes)) {
+  const std::span memory = arena.take<std::byte>("stream.jpeg", JpegEncoder::memory_bytes(size_.width));
+  if (!arena.planning()) encoder_.emplace(Scratch(memory), size_.width, size_.height);
+}
 
 std::size_t Preview::encode(Nanoseconds stamp_ns, const Detections& own, const StreamScene& scene,
                             std::span<std::uint8_t> out) {
@@ -42,7 +44,7 @@ std::size_t Preview::encode(Nanoseconds stamp_ns, const Detections& own, const S
     }
   }
   for (const int quality : {kQuality, kLowQuality}) {
-    const std::size_t bytes = encoder_.encode(view(), quality, jpeg_);
+    const std::size_t bytes = encoder_->encode(view(), quality, std::as_writable_bytes(jpeg_));
     if (bytes > 0) return encode_picture(jpeg_.first(bytes), stamp_ns, out);
   }
   return 0;

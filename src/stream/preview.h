@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -9,7 +10,7 @@
 #include "core/config.h"
 #include "core/detection.h"
 #include "core/image.h"
-#include "stream/jpeg_encoder.h"
+#include "core/jpeg.h"
 #include "stream/preview_size.h"
 #include "stream/stream_types.h"
 
@@ -47,7 +48,7 @@ class Preview {
   std::size_t person_class_;  // its index; none: past the end
   std::span<Bgr> pixels_;
   std::span<std::uint8_t> jpeg_;
-  JpegEncoder encoder_;
+  std::optional<JpegEncoder> encoder_;  // not with an arena that only plans
 };
 
 }  // namespace stillmap::stream

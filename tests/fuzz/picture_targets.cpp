@@ -3,7 +3,7 @@
 #include <cstring>
 #include <vector>
 
-#include "drivers/pictures/codecs.h"
+#include "drivers/pictures/png.h"
 #include "drivers/pictures/raw_picture.h"
 #include "tests/fuzz/targets.h"
 

@@ -32,7 +32,7 @@ class CheckLayersTest(unittest.TestCase):
             "src/app/main.cpp": '#include "runtime/run.h"\n#include <CLI/CLI.hpp>\nvoid f() { std::printf("x"); }\n',
             "src/detect/a.cpp": "#include <opencv2/dnn.hpp>\n#include <opencv2/core.hpp>\n// std::mutex would sleep(1) here\n",
             "src/stream/a.cpp": '#include "foxglove.pb.h"\nvoid f(char* s) { std::snprintf(s, 1, ""); std::fprintf(stderr, ""); }\n',
-            "drivers/tum_log/a.cpp": '#include "drivers/tum_log/a.h"\n#include "drivers/rgbd_driver.h"\n#include "drivers/pictures/codecs.h"\n',
+            "drivers/tum_log/a.cpp": '#include "drivers/tum_log/a.h"\n#include "drivers/rgbd_driver.h"\n#include "drivers/pictures/png.h"\n',
         }), [])
 
     def test_each_finding(self):

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <vector>
 
+#include "drivers/pictures/png.h"
 #include "tests/drivers/pictures/heap_calls.h"
 #include "tests/drivers/pictures/picture_files.h"
 
@@ -244,7 +245,8 @@ TEST(PictureEncoders, PngIsExactAndJpegIsNear) {
   const ImageView<const Bgr> colour_view{colour.data(), kWide, kHigh, kStride};
   const ImageView<const std::uint16_t> depth_view{depth.data(), kWide, kHigh, kStride};
   PngEncoder png(kWide, kHigh);
-  JpegEncoder jpeg(kWide, kHigh, 95);
+  JpegEncoder jpeg(Scratch(JpegEncoder::memory_bytes(kWide)), kWide, kHigh);
+  std::vector<std::byte> jpeg_file(kWide * kHigh * 3);
   PngDecoder png_back;
   JpegDecoder jpeg_back(kWide, kHigh);
   std::vector<Bgr> colour_back(kWide * kHigh);
@@ -265,8 +267,8 @@ TEST(PictureEncoders, PngIsExactAndJpegIsNear) {
         ASSERT_EQ(colour_back[i].r, colour_view.at(x, y).r);
       }
     }
-    const auto jpeg_file = jpeg.encode_colour(colour_view);
-    ASSERT_EQ(jpeg_back.decode_colour(jpeg_file, colour_into), DecodeStatus::Ok);
+    const std::size_t bytes = jpeg.encode(colour_view, 95, jpeg_file);
+    ASSERT_EQ(jpeg_back.decode_colour(std::span(jpeg_file).first(bytes), colour_into), DecodeStatus::Ok);
     EXPECT_EQ(test::heap_calls(), before) << "round " << round;
     for (int y = 0; y < kHigh; ++y) {
       for (int x = 0; x < kWide; ++x) {
@@ -276,7 +278,9 @@ TEST(PictureEncoders, PngIsExactAndJpegIsNear) {
     }
   }
   EXPECT_TRUE(PngEncoder(8, 8).encode_depth(depth_view).empty());
-  EXPECT_TRUE(JpegEncoder(8, 8, 95).encode_colour(colour_view).empty());
+  EXPECT_EQ(jpeg.encode(colour_view, 95, std::span(jpeg_file).first(500)), 0u) << "it does not fit";
+  EXPECT_GT(jpeg.encode(colour_view, 95, jpeg_file), 500u) << "and the next one is made all the same";
+  EXPECT_EQ(JpegEncoder(Scratch(JpegEncoder::memory_bytes(8)), 8, 8).encode(colour_view, 95, jpeg_file), 0u);
 }
 
 TEST(PictureEncoders, NoiseFitsToo) {
@@ -287,7 +291,9 @@ TEST(PictureEncoders, NoiseFitsToo) {
   for (Bgr& p : colour) p = {noise(), noise(), noise()};
   const ImageView<const Bgr> view{colour.data(), kWide, kHigh, kWide};
   EXPECT_FALSE(PngEncoder(kWide, kHigh).encode_colour(view).empty());
-  EXPECT_FALSE(JpegEncoder(kWide, kHigh, 100).encode_colour(view).empty());
+  std::vector<std::byte> jpeg_file(kWide * kHigh * 3 + (1 << 16));
+  JpegEncoder jpeg(Scratch(JpegEncoder::memory_bytes(kWide)), kWide, kHigh);
+  EXPECT_GT(jpeg.encode(view, 100, jpeg_file), 0u);
 }
 
 }  // namespace

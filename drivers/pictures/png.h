@@ -7,14 +7,9 @@
 #include <span>
 
 #include "core/image.h"
+#include "core/jpeg.h"
 
 namespace stillmap {
-
-enum class DecodeStatus : std::uint8_t {
-  Ok,
-  Corrupt,   ///< damaged, cut short, or another kind of picture; the view may be half written
-  WrongSize  ///< another size than the view's, which is untouched
-};
 
 /// Decodes PNG files from memory straight into a view. All of the library's memory is made here, at
 /// construction. One thread.
@@ -33,22 +28,6 @@ class PngDecoder {
   std::unique_ptr<Impl> impl_;
 };
 
-/// Decodes JPEG files (baseline or progressive; colour or grey) from memory straight into a view. All of the
-/// library's memory is made here, at construction, enough for progressive pictures of the given size. One
-/// thread.
-class JpegDecoder {
- public:
-  /// Many cameras pad a picture with bytes that mean nothing; in a file those are damage.
-  enum class Source : std::uint8_t { File, Camera };
-  JpegDecoder(int width, int height, Source source = Source::File);
-  ~JpegDecoder();
-  DecodeStatus decode_colour(std::span<const std::byte> file, ImageView<Bgr> into);
-
- private:
-  struct Impl;
-  std::unique_ptr<Impl> impl_;
-};
-
 /// Encodes PNG files into a buffer of its own, at the fastest level: pixels stay exact. All memory is made
 /// here, at construction, for pictures of the given size. One thread.
 class PngEncoder {
@@ -59,19 +38,6 @@ class PngEncoder {
   std::span<const std::byte> encode_colour(ImageView<const Bgr> picture);
   /// 16-bit grey.
   std::span<const std::byte> encode_depth(ImageView<const std::uint16_t> picture);
-
- private:
-  struct Impl;
-  std::unique_ptr<Impl> impl_;
-};
-
-/// Encodes baseline JPEG files into a buffer of its own; otherwise as PngEncoder.
-class JpegEncoder {
- public:
-  /// `quality` from 1 to 100.
-  JpegEncoder(int width, int height, int quality);
-  ~JpegEncoder();
-  std::span<const std::byte> encode_colour(ImageView<const Bgr> picture);
 
  private:
   struct Impl;

@@ -1,18 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <algorithm>
+#include "core/jpeg.h"
+
 #include <csetjmp>
 #include <cstdio>
 #include <cstring>
-#include <vector>
+#include <utility>
 
 // jpeglib.h uses names of stdio.h without including it, and jerror.h those of jpeglib.h.
 // clang-format off
 #include <jpeglib.h>
 #include <jerror.h>
 // clang-format on
-
-#include "drivers/pictures/codecs.h"
-#include "drivers/pictures/scratch.h"
 
 // libjpeg ends an error by a longjmp, which must not pass an object with a destructor: in this file the
 // functions between setjmp and the library hold plain values only.
@@ -24,7 +22,7 @@ namespace {
 /// The library's memory manager over a Scratch, in place of the one that takes from the heap for each
 /// picture.
 struct ScratchMemory : jpeg_memory_mgr {
-  explicit ScratchMemory(std::size_t bytes);
+  explicit ScratchMemory(Scratch memory);
   Scratch scratch;
 };
 
@@ -80,7 +78,7 @@ void free_pool(j_common_ptr info, int pool) {
   if (pool == JPOOL_IMAGE) static_cast<ScratchMemory*>(info->mem)->scratch.clear_front();
 }
 
-ScratchMemory::ScratchMemory(std::size_t bytes) : jpeg_memory_mgr{}, scratch(bytes) {
+ScratchMemory::ScratchMemory(Scratch memory) : jpeg_memory_mgr{}, scratch(std::move(memory)) {
   alloc_small = take;
   alloc_large = take;
   alloc_sarray = take_samples;
@@ -112,7 +110,7 @@ jpeg_error_mgr* ErrorManager::quiet() {
 }
 
 /// Coefficients of three full planes (a progressive picture), padded to whole 16-pixel units, and the tables.
-std::size_t scratch_bytes(int width, int height) {
+std::size_t decoding_bytes(int width, int height) {
   const auto padded = [](int v) { return static_cast<std::size_t>(v + 31) / 16 * 16; };
   return padded(width) * padded(height) * 3 * sizeof(JCOEF) + (std::size_t{1} << 20);
 }
@@ -140,7 +138,7 @@ DecodeStatus decode(jpeg_decompress_struct& info, std::span<const std::byte> fil
 }  // namespace
 
 struct JpegDecoder::Impl {
-  Impl(int width, int height, Source source) : memory(scratch_bytes(width, height)) {
+  Impl(int width, int height, Source source) : memory(Scratch(decoding_bytes(width, height))) {
     info.err = error.quiet();
     error.emit_message = [](j_common_ptr i, int level) { i->err->num_warnings += level < 0 ? 1 : 0; };
     if (source == Source::Camera) {
@@ -179,10 +177,13 @@ DecodeStatus JpegDecoder::decode_colour(std::span<const std::byte> file, ImageVi
   return status;
 }
 
+/// Sample rows of one row of 16 x 16 units in all their forms, and the tables.
+std::size_t JpegEncoder::memory_bytes(int width) {
+  return static_cast<std::size_t>(width + 64) * 256 + (std::size_t{64} << 10);
+}
+
 struct JpegEncoder::Impl {
-  Impl(int width, int height, int quality)
-      : memory(scratch_bytes(width, height)),
-        file(static_cast<std::size_t>(width) * static_cast<std::size_t>(height) * 3 + (1 << 16)) {
+  Impl(Scratch scratch, int width, int height) : memory(std::move(scratch)) {
     info.err = error.quiet();
     jpeg_create_compress(&info);
     own_memory = info.mem;
@@ -192,7 +193,6 @@ struct JpegEncoder::Impl {
     info.input_components = 3;
     info.in_color_space = JCS_EXT_BGR;
     jpeg_set_defaults(&info);
-    jpeg_set_quality(&info, quality, TRUE);
     destination.init_destination = [](j_compress_ptr) {};
     destination.empty_output_buffer = [](j_compress_ptr i) -> boolean {
       ERREXIT(i, JERR_BUFFER_SIZE);
@@ -209,29 +209,29 @@ struct JpegEncoder::Impl {
   Impl& operator=(const Impl&) = delete;
 
   ScratchMemory memory;
-  std::vector<std::byte> file;
   ErrorManager error{};
   jpeg_compress_struct info{};
   jpeg_destination_mgr destination{};
   jpeg_memory_mgr* own_memory = nullptr;
 };
 
-JpegEncoder::JpegEncoder(int width, int height, int quality)
-    : impl_(std::make_unique<Impl>(width, height, quality)) {}
+JpegEncoder::JpegEncoder(Scratch memory, int width, int height)
+    : impl_(std::make_unique<Impl>(std::move(memory), width, height)) {}
 JpegEncoder::~JpegEncoder() = default;
 
-std::span<const std::byte> JpegEncoder::encode_colour(ImageView<const Bgr> picture) {
+std::size_t JpegEncoder::encode(ImageView<const Bgr> picture, int quality, std::span<std::byte> out) {
   jpeg_compress_struct& info = impl_->info;
   if (picture.width != static_cast<int>(info.image_width) ||
       picture.height != static_cast<int>(info.image_height)) {
-    return {};
+    return 0;
   }
   if (setjmp(impl_->error.jump) != 0) {
     jpeg_abort_compress(&info);
-    return {};
+    return 0;
   }
-  impl_->destination.next_output_byte = reinterpret_cast<JOCTET*>(impl_->file.data());
-  impl_->destination.free_in_buffer = impl_->file.size();
+  impl_->destination.next_output_byte = reinterpret_cast<JOCTET*>(out.data());
+  impl_->destination.free_in_buffer = out.size();
+  jpeg_set_quality(&info, quality, TRUE);
   jpeg_start_compress(&info, TRUE);
   while (info.next_scanline < info.image_height) {
     // The library only reads; its interface is older than const.
@@ -240,7 +240,7 @@ std::span<const std::byte> JpegEncoder::encode_colour(ImageView<const Bgr> pictu
     jpeg_write_scanlines(&info, &row, 1);
   }
   jpeg_finish_compress(&info);
-  return {impl_->file.data(), impl_->file.size() - impl_->destination.free_in_buffer};
+  return out.size() - impl_->destination.free_in_buffer;
 }
 
 }  // namespace stillmap
