@@ -15,6 +15,7 @@ struct CameraRequest {
   std::string device;  ///< the source's name after the scheme; empty: the first that is found
   int width = 0, height = 0;
   double fps = 30;
+  std::string colour_format{};  ///< as `name_of` calls it; empty: the best that the device has
   double depth_units_per_m = 1000;
   bool register_depth = true;  ///< by the device; without it, depth comes as its own camera sees it
 };

@@ -3,8 +3,6 @@
 #include <errno.h>
 #include <libcamera/libcamera.h>
 #include <linux/dma-buf.h>
-#include <poll.h>
-#include <sys/eventfd.h>
 #include <sys/ioctl.h>
 #include <sys/mman.h>
 #include <unistd.h>
@@ -19,7 +17,7 @@
 #include <optional>
 #include <utility>
 
-#include "core/spsc_ring.h"
+#include "drivers/arrivals.h"
 #include "drivers/camera_module.h"
 
 namespace stillmap {
@@ -102,8 +100,7 @@ class MappedBuffer {
 
 class LibcameraStream : public PictureStream {
  public:
-  explicit LibcameraStream(CameraRequest request)
-      : request_(std::move(request)), arrived_(eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)) {}
+  explicit LibcameraStream(CameraRequest request) : request_(std::move(request)) {}
   ~LibcameraStream() override {
     stop();
     buffers_.clear();
@@ -114,7 +111,6 @@ class LibcameraStream : public PictureStream {
       allocator_.reset();
       camera_->release();
     }
-    close(arrived_);
   }
   LibcameraStream(const LibcameraStream&) = delete;
   LibcameraStream& operator=(const LibcameraStream&) = delete;
@@ -140,8 +136,9 @@ class LibcameraStream : public PictureStream {
       info_.fps = request_.fps;
     }
     if (camera_->start(&controls) != 0) return refused("cannot stream; is another program using the camera?");
-    streaming_ = true;
+    streaming_.store(true, std::memory_order_release);
     last_sequence_.reset();
+    with_camera_ = requests_.size();
     for (const auto& request : requests_) {
       if (!queue(*request)) return refused("takes no buffer; unplug the camera and plug it in again");
     }
@@ -151,12 +148,12 @@ class LibcameraStream : public PictureStream {
   PeekStatus peek(HeldPicture& out, Nanoseconds deadline_ns) override {
     while (held_request_ == nullptr) {
       if (gone_.load(std::memory_order_acquire)) return PeekStatus::Lost;
-      if (const auto index = completed_.try_pop()) {
-        libcamera::Request& request = *requests_[*index];
-        if (!take(request)) return queue(request) ? PeekStatus::Corrupt : PeekStatus::Lost;
-      } else if (!wait(deadline_ns)) {
-        return PeekStatus::Timeout;
+      if (const auto index = arrivals_.arrived()) {
+        if (take(*requests_[*index])) continue;
+        arrivals_.release(*index);
+        return PeekStatus::Corrupt;
       }
+      if (!arrivals_.wait(deadline_ns)) return PeekStatus::Timeout;
     }
     out = held_;
     return PeekStatus::Picture;
@@ -164,20 +161,19 @@ class LibcameraStream : public PictureStream {
 
   void release() override {
     if (held_request_ == nullptr) return;
-    buffers_[index_of(*held_request_)].end_read();
-    // A camera that takes no buffer any more is gone, which the next peek finds.
-    if (!queue(*std::exchange(held_request_, nullptr))) gone_.store(true, std::memory_order_release);
+    const std::size_t index = index_of(*std::exchange(held_request_, nullptr));
+    buffers_[index].end_read();
+    arrivals_.release(index);
     held_.missed = 0;
   }
 
   void stop() override {
-    if (!std::exchange(streaming_, false)) return;
+    if (!streaming_.exchange(false)) return;
     if (held_request_ != nullptr) buffers_[index_of(*held_request_)].end_read();
     held_request_ = nullptr;
     held_.missed = 0;
-    camera_->stop();
-    while (completed_.try_pop()) {
-    }
+    camera_->stop();  // returns when the library's thread is done with this camera
+    arrivals_.clear();
     for (const auto& request : requests_) request->reuse(libcamera::Request::ReuseBuffers);
   }
 
@@ -214,6 +210,7 @@ class LibcameraStream : public PictureStream {
     const auto width = static_cast<unsigned>(request_.width), height = static_cast<unsigned>(request_.height);
     std::string nearest;
     for (const KnownFormat& known : kFormats) {
+      if (!request_.colour_format.empty() && request_.colour_format != name_of(known.ours)) continue;
       if (std::find(offered.begin(), offered.end(), known.theirs) == offered.end()) continue;
       stream.pixelFormat = known.theirs;
       stream.size = {width, height};
@@ -232,8 +229,10 @@ class LibcameraStream : public PictureStream {
       return {};
     }
     return refused("no colour of " + std::to_string(width) + "x" + std::to_string(height) +
-                       " px in a format that can be read" + (nearest.empty() ? "" : "; nearest: " + nearest) +
-                       "; change camera.width and camera.height, or the camera",
+                       " px in a format that can be read" +
+                       (request_.colour_format.empty() ? "" : " as " + request_.colour_format) +
+                       (nearest.empty() ? "" : "; nearest: " + nearest) +
+                       "; change camera.width, camera.height and camera.colour_format, or the camera",
                    ExitCode::WrongConfig);
   }
 
@@ -256,33 +255,31 @@ class LibcameraStream : public PictureStream {
     return static_cast<std::size_t>(request.cookie());
   }
 
-  /// Gives a request's buffer to the camera.
+  /// Gives a request's buffer to the camera, for which the library takes five blocks from the heap.
   bool queue(libcamera::Request& request) {
     if (request.status() != libcamera::Request::RequestPending)
       request.reuse(libcamera::Request::ReuseBuffers);
     return camera_->queueRequest(&request) == 0;
   }
 
-  /// The library's thread.
+  /// The library's thread: a picture is there, and what was released since the last one goes back. The camera
+  /// keeps a buffer always; where it has no other, this picture is passed over, as its sequence number tells.
   void on_completed(libcamera::Request* request) {
     if (request->status() == libcamera::Request::RequestCancelled) return;
-    STILLMAP_CHECK(completed_.try_push(index_of(*request)));  // there is room for every request
-    eventfd_write(arrived_, 1);
+    while (const auto index = arrivals_.released()) queue_again(*requests_[*index]);
+    --with_camera_;
+    if (with_camera_ == 0) return queue_again(*request);
+    arrivals_.arrive(index_of(*request));
+  }
+  void queue_again(libcamera::Request& request) {
+    ++with_camera_;
+    // A camera that takes no buffer any more is gone, unless it is being stopped.
+    if (!queue(request) && streaming_.load(std::memory_order_acquire)) on_gone();
   }
   /// The library's thread.
   void on_gone() {
     gone_.store(true, std::memory_order_release);
-    eventfd_write(arrived_, 1);
-  }
-
-  /// False where nothing came before the deadline.
-  bool wait(Nanoseconds deadline_ns) {
-    pollfd waiting{arrived_, POLLIN, 0};
-    const timespec span = time_until(deadline_ns);
-    const int ready = ppoll(&waiting, 1, &span, nullptr);
-    eventfd_t count = 0;
-    if (ready > 0) eventfd_read(arrived_, &count);
-    return ready != 0;
+    arrivals_.wake();
   }
 
   /// Holds the request's picture; false where it is damaged.
@@ -309,19 +306,18 @@ class LibcameraStream : public PictureStream {
   }
 
   CameraRequest request_;
-  int arrived_;  // counts what the library's thread has put into `completed_`, or that the camera is gone
   std::shared_ptr<libcamera::Camera> camera_;
   std::unique_ptr<libcamera::CameraConfiguration> configuration_;
   std::unique_ptr<libcamera::FrameBufferAllocator> allocator_;
   std::vector<std::unique_ptr<libcamera::Request>> requests_;
-  std::vector<MappedBuffer> buffers_;    // one for each request
-  SpscRing<std::size_t, 16> completed_;  // indices of the requests that the camera has served
-  std::atomic<bool> gone_{false};
+  std::vector<MappedBuffer> buffers_;  // one for each request
+  Arrivals arrivals_;                  // of requests that the camera has served
+  std::size_t with_camera_ = 0;        // requests; the library's thread counts while it streams
+  std::atomic<bool> gone_{false}, streaming_{false};
   StreamInfo info_;
   HeldPicture held_;
   libcamera::Request* held_request_ = nullptr;
   std::optional<std::uint32_t> last_sequence_;
-  bool streaming_ = false;
 };
 
 class LibcameraModule : public CameraModule {

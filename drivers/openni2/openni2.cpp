@@ -3,11 +3,13 @@
 #include <OpenNI.h>
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <cmath>
 #include <optional>
 #include <utility>
 
+#include "drivers/arrivals.h"
 #include "drivers/camera_module.h"
 
 namespace stillmap {
@@ -119,13 +121,17 @@ class Camera : public openni::OpenNI::DeviceDisconnectedListener {
   std::optional<Nanoseconds> clock_offset_ns_;
 };
 
-class Openni2Stream : public PictureStream {
+/// A camera's pictures are read on the library's thread, as they come; a recording's on the caller's, since
+/// it shows the next one only when it is asked for.
+class Openni2Stream : public PictureStream, public openni::VideoStream::NewFrameListener {
  public:
   Openni2Stream(std::shared_ptr<Camera> camera, bool depth) : camera_(std::move(camera)), depth_(depth) {}
   ~Openni2Stream() override {
-    frame_.release();
+    stop();
     stream_.destroy();
   }
+  Openni2Stream(const Openni2Stream&) = delete;
+  Openni2Stream& operator=(const Openni2Stream&) = delete;
 
   Status open() override {
     if (Status s = camera_->open(); !s.ok()) return s;
@@ -159,6 +165,10 @@ class Openni2Stream : public PictureStream {
       playback->setRepeatEnabled(false);
       playback->setSpeed(-1);  // each picture waits to be read; at any other speed some are left out
     }
+    if (!camera_->is_file()) {
+      for (std::size_t i = 0; i < kFrames; ++i) arrivals_.release(i);
+      listening_ = stream_.addNewFrameListener(this) == openni::STATUS_OK;
+    }
     if (stream_.start() != openni::STATUS_OK)
       return camera_->refused("cannot stream " + kind() + " (" + library_words() + ")");
     // Colour is started second, and both must run for that.
@@ -167,41 +177,85 @@ class Openni2Stream : public PictureStream {
   }
 
   PeekStatus peek(HeldPicture& out, Nanoseconds deadline_ns) override {
-    if (!frame_.isValid()) {
+    while (!held_frame_) {
       if (camera_->gone()) return PeekStatus::Lost;
-      if (camera_->is_file() && last_index_ >= recorded_) return PeekStatus::EndOfStream;
-      const Nanoseconds left_ns = std::max<Nanoseconds>(0, deadline_ns - monotonic_now());
-      openni::VideoStream* stream = &stream_;
-      int ready = 0;
-      const openni::Status waited = openni::OpenNI::waitForAnyStream(
-          &stream, 1, &ready, static_cast<int>((left_ns + kMillisecond - 1) / kMillisecond));
-      if (camera_->gone()) return PeekStatus::Lost;
-      if (waited == openni::STATUS_TIME_OUT) return PeekStatus::Timeout;
-      if (waited != openni::STATUS_OK || stream_.readFrame(&frame_) != openni::STATUS_OK)
-        return PeekStatus::Lost;
-      const int step = frame_.getFrameIndex() - last_index_;
-      held_.missed = last_index_ > 0 && step > 1 ? static_cast<std::uint32_t>(step - 1) : 0;
-      last_index_ = frame_.getFrameIndex();
-      held_.stamp_ns = camera_->stamp(frame_.getTimestamp());
-      held_.picture = {
-          info_.format,
-          frame_.getWidth(),
-          frame_.getHeight(),
-          {{{static_cast<const std::byte*>(frame_.getData()), static_cast<std::size_t>(frame_.getDataSize()),
-             static_cast<std::size_t>(frame_.getStrideInBytes())}}}};
+      if (camera_->is_file()) {
+        if (const PeekStatus status = read_recorded(deadline_ns); status != PeekStatus::Picture)
+          return status;
+      } else if (const auto frame = arrivals_.arrived()) {
+        hold(*frame);
+      } else if (!arrivals_.wait(deadline_ns)) {
+        return camera_->gone() ? PeekStatus::Lost : PeekStatus::Timeout;
+      }
     }
     out = held_;
     return PeekStatus::Picture;
   }
 
-  void release() override { frame_.release(); }
+  /// The library takes a block from the heap for each picture that is given back to it: a camera's is when
+  /// its place is needed for the next one.
+  void release() override {
+    if (!held_frame_) return;
+    if (camera_->is_file()) {
+      frames_[*held_frame_].release();
+    } else {
+      arrivals_.release(*held_frame_);
+    }
+    held_frame_.reset();
+  }
 
   void stop() override {
-    frame_.release();
-    stream_.stop();
+    // Returns when the library's thread is done with it.
+    if (std::exchange(listening_, false)) stream_.removeNewFrameListener(this);
+    if (stream_.isValid()) stream_.stop();
+    for (openni::VideoFrameRef& frame : frames_) frame.release();
+    arrivals_.clear();
+    spare_.reset();
+    held_frame_.reset();
+  }
+
+  /// The library's thread. Where every place is taken, the picture is passed over, as its index tells.
+  void onNewFrame(openni::VideoStream&) override {
+    if (!spare_) spare_ = arrivals_.released();
+    if (!spare_ || !has_picture(0) || stream_.readFrame(&frames_[*spare_]) != openni::STATUS_OK) return;
+    arrivals_.arrive(*spare_);
+    spare_.reset();
   }
 
  private:
+  static constexpr std::size_t kFrames = 4;
+
+  bool has_picture(int timeout_ms) {
+    openni::VideoStream* stream = &stream_;
+    int ready = 0;
+    return openni::OpenNI::waitForAnyStream(&stream, 1, &ready, timeout_ms) == openni::STATUS_OK;
+  }
+
+  PeekStatus read_recorded(Nanoseconds deadline_ns) {
+    if (last_index_ >= recorded_) return PeekStatus::EndOfStream;
+    const Nanoseconds left_ns = std::max<Nanoseconds>(0, deadline_ns - monotonic_now());
+    if (!has_picture(static_cast<int>((left_ns + kMillisecond - 1) / kMillisecond)))
+      return PeekStatus::Timeout;
+    if (stream_.readFrame(&frames_[0]) != openni::STATUS_OK) return PeekStatus::Lost;
+    hold(0);
+    return PeekStatus::Picture;
+  }
+
+  void hold(std::size_t index) {
+    const openni::VideoFrameRef& frame = frames_[index];
+    held_frame_ = index;
+    const int step = frame.getFrameIndex() - last_index_;
+    held_.missed = last_index_ > 0 && step > 1 ? static_cast<std::uint32_t>(step - 1) : 0;
+    last_index_ = frame.getFrameIndex();
+    held_.stamp_ns = camera_->stamp(frame.getTimestamp());
+    held_.picture = {
+        info_.format,
+        frame.getWidth(),
+        frame.getHeight(),
+        {{{static_cast<const std::byte*>(frame.getData()), static_cast<std::size_t>(frame.getDataSize()),
+           static_cast<std::size_t>(frame.getStrideInBytes())}}}};
+  }
+
   openni::SensorType sensor() const { return depth_ ? openni::SENSOR_DEPTH : openni::SENSOR_COLOR; }
   std::string kind() const { return depth_ ? "depth" : "colour"; }
 
@@ -216,12 +270,13 @@ class Openni2Stream : public PictureStream {
 
   Status wrong_format(const std::string& what) const {
     const CameraRequest& r = camera_->request();
-    return camera_->refused("has no " + kind() + " of " + std::to_string(r.width) + "x" +
-                                std::to_string(r.height) + " px at " + std::to_string(std::lround(r.fps)) +
-                                " Hz" + what +
-                                "; change camera.width, camera.height and camera.fps, and let "
-                                "camera.depth_units_per_m be 1000 or 10000",
-                            ExitCode::WrongConfig);
+    return camera_->refused(
+        "has no " + kind() + " of " + std::to_string(r.width) + "x" + std::to_string(r.height) + " px at " +
+            std::to_string(std::lround(r.fps)) + " Hz" +
+            (depth_ || r.colour_format.empty() ? "" : " as " + r.colour_format) + what +
+            "; change camera.width, camera.height, camera.fps and camera.colour_format, and "
+            "let camera.depth_units_per_m be 1000 or 10000",
+        ExitCode::WrongConfig);
   }
 
   Status take_recorded_mode() {
@@ -239,6 +294,7 @@ class Openni2Stream : public PictureStream {
     const openni::Array<openni::VideoMode>& modes = stream_.getSensorInfo().getSupportedVideoModes();
     std::string sizes;
     for (const KnownFormat& format : formats_of(r, depth_)) {
+      if (!depth_ && !r.colour_format.empty() && r.colour_format != name_of(format.ours)) continue;
       for (int i = 0; i < modes.getSize(); ++i) {
         const openni::VideoMode& mode = modes[i];
         if (mode.getPixelFormat() != format.theirs) continue;
@@ -261,10 +317,14 @@ class Openni2Stream : public PictureStream {
   std::shared_ptr<Camera> camera_;
   bool depth_;
   openni::VideoStream stream_;
-  openni::VideoFrameRef frame_;
+  std::array<openni::VideoFrameRef, kFrames> frames_;
+  Arrivals arrivals_;                 // of places in `frames_`
+  std::optional<std::size_t> spare_;  // the library's thread: a place for the next picture
   StreamInfo info_;
   HeldPicture held_;
+  std::optional<std::size_t> held_frame_;  // a place
   int last_index_ = 0, recorded_ = 0;
+  bool listening_ = false;
 };
 
 class Openni2Module : public CameraModule {

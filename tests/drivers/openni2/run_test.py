@@ -38,10 +38,9 @@ class Camera(ProgramTest):
         self.assertEqual(report["tracking"]["segments"], 1)
         self.assertGreater(report["map"]["voxels"], 5000)
         self.assertGreater(report["capture"]["cpu_ms_per_frame"], 0)
-        # The library's own readFrame takes a block for each picture; its and the device's threads are told apart.
-        self.assertLessEqual(heap["capture"], 2 * frames["offered"])
+        # The library's and the device's threads are told apart.
         self.assertGreater(heap["driver"], 0)
-        self.assertEqual((heap["track"], heap["map"]), (0, 0))
+        self.assertEqual((heap["capture"], heap["track"], heap["map"]), (0, 0, 0))
 
         # What was seen live is what a replay of the recording sees, from the same places.
         live = poses(self.path / "t.txt")
