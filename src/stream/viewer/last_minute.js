@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // The last minute, as it came.
-const recorded = { items: [], bytes: 0 };
+const recorded = { items: [], bytes: 0, calibration: [] };
 function record(channel, stamp, data) {
   const now = performance.now(), items = recorded.items;
+  // Sent once, and needed for all that follows.
+  if (link.channels.get(channel)?.topic === "/camera/calibration") { recorded.calibration = [{ channel, stamp, data }]; return; }
   items.push({ channel, stamp, data, now });
   recorded.bytes += data.length;
   let old = 0;
@@ -45,7 +47,7 @@ $("trajectory").onclick = () => {
     ...poses.map(([t, { p, q }]) => [seconds(t), ...[...p.slice(0, 3), ...q].map((v) => v.toFixed(6))].join(" ") + "\n")]);
 };
 $("minute").onclick = () => {  // with the whole map, which what changed in a minute is not
-  const done = () => { link.onCloud = null; link.unsubscribe("/map"); save(`stillmap-${fileTime()}.mcap`, mcap(recorded.items, [...link.channels.values()])); };
+  const done = () => { link.onCloud = null; link.unsubscribe("/map"); save(`stillmap-${fileTime()}.mcap`, mcap([...recorded.calibration, ...recorded.items], [...link.channels.values()])); };
   const timer = setTimeout(done, 5000);
   link.onCloud = () => { clearTimeout(timer); done(); };
   link.subscribe("/map");

@@ -22,7 +22,7 @@ const link = {
     if (m.op === "serverInfo") {
       this.wait = 500;
       $("offline").hidden = true;
-      if (m.sessionId !== session) { session = m.sessionId; forget(); recorded.items = []; recorded.bytes = 0; }
+      if (m.sessionId !== session) { session = m.sessionId; forget(); Object.assign(recorded, { items: [], bytes: 0, calibration: [] }); }
     }
     if (m.op === "advertise") for (const c of m.channels) {
       this.channels.set(c.id, c);
