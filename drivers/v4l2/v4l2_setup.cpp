@@ -246,14 +246,35 @@ std::vector<V4l2Device> list_v4l2_devices() {
     if (const std::uint32_t type = asked ? capture_type(capability) : 0; type != 0) {
       V4l2Device device{path, reinterpret_cast<const char*>(capability.card),
                         reinterpret_cast<const char*>(capability.bus_info)};
-      const auto has = [&](const V4l2Format& f) { return offers(file, type, f.fourcc); };
-      device.colour = std::any_of(kV4l2Colours.begin(), kV4l2Colours.end(), has);
-      device.depth = std::any_of(kV4l2Depths.begin(), kV4l2Depths.end(), has);
+      for (const V4l2Format& f : kV4l2Colours) {
+        if (offers(file, type, f.fourcc))
+          device.as_colour = std::max(device.as_colour, f.format == PixelFormat::Grey ? 1 : 2);
+      }
+      for (const V4l2Format& f : kV4l2Depths) {
+        if (offers(file, type, f.fourcc))
+          device.as_depth = std::max(device.as_depth, f.fourcc == V4L2_PIX_FMT_Z16 ? 2 : 1);
+      }
       devices.push_back(device);
     }
     ::close(file);
   }
   return devices;
+}
+
+std::vector<V4l2Pair> pair_v4l2_devices(const std::vector<V4l2Device>& devices) {
+  std::vector<V4l2Pair> pairs;
+  for (const V4l2Device& depth : devices) {
+    const auto worth = [&](const V4l2Device& d) { return d.as_colour + (d.bus == depth.bus ? 2 : 0); };
+    const V4l2Device* partner = nullptr;
+    for (const V4l2Device& d : devices) {
+      if (d.as_colour == 0 || &d == &depth) continue;
+      if (partner == nullptr || worth(d) > worth(*partner)) partner = &d;
+    }
+    if (depth.as_depth > 0 && partner != nullptr) pairs.push_back({partner, &depth});
+  }
+  std::ranges::stable_sort(pairs, std::ranges::greater{},
+                           [](const V4l2Pair& p) { return p.depth->as_depth; });
+  return pairs;
 }
 
 }  // namespace stillmap

@@ -41,10 +41,19 @@ class V4l2Stream : public PictureStream {
 
 /// A video node that can be captured from.
 struct V4l2Device {
-  std::string path, card, bus;         ///< nodes of one device share the bus
-  bool colour = false, depth = false;  ///< what its formats can be used as
+  std::string path, card, bus;  ///< nodes of one device share the bus
+  /// How well its formats serve: 2 with colours, or with Z16; 1 with grey only, or with Y16 only; 0 not.
+  int as_colour = 0, as_depth = 0;
 };
 /// Those of this machine that can be opened, in the order of their numbers.
 std::vector<V4l2Device> list_v4l2_devices();
+
+struct V4l2Pair {
+  const V4l2Device* colour;
+  const V4l2Device* depth;
+};
+/// Each node with depth, the best first, with the best other node to see colour by: one of the same device
+/// before others', so that a depth camera's infrared does not pass for its colour. Into `devices`.
+std::vector<V4l2Pair> pair_v4l2_devices(const std::vector<V4l2Device>& devices);
 
 }  // namespace stillmap

@@ -13,8 +13,10 @@ void add_run_command(CLI::App& app, Action& action) {
   run_app->add_option("--config", o->configs, "Configuration file; later ones override earlier ones")
       ->take_all();
   run_app->add_option("--set", o->overrides, "KEY=VALUE, overrides the files")->take_all();
-  run_app->add_option("--source", o->source,
-                      "tum:DIR, v4l2:COLOUR,DEPTH or openni2:[URI|FILE.oni]; without it, the first camera");
+  run_app->add_option(
+      "--source", o->source,
+      "tum:DIR, v4l2:COLOUR,DEPTH, openni2:[URI|FILE.oni] or libcamera:ID[,DEPTH]; without it, "
+      "the first camera");
   run_app->add_option("--mode", o->mode, "live (cameras), realtime, fast or lockstep (logs)")
       ->transform(CLI::CheckedTransformer(std::map<std::string, RunMode>{{"live", RunMode::Live},
                                                                          {"realtime", RunMode::Realtime},

@@ -84,7 +84,7 @@ std::vector<Key> describe(Config& c) {
       {"camera.T_base_camera", &c.mount.T_base_camera, "m",
        "camera in the robot's base: x, y, z, qx, qy, qz, qw", -100, 100},
       {"camera.colour_format", &c.device.colour_format, "",
-       "V4L2 format of colour, e.g. YUYV or MJPG; empty: the device's best"},
+       "format of colour: YUYV, NV12, RGB3, BGR3, MJPG or GREY; empty: the device's best"},
       {"camera.depth_format", &c.device.depth_format, "", "V4L2 format of depth; empty: Z16, else Y16"},
       {"camera.colour_controls", &c.device.colour_controls, "",
        "V4L2 controls of the colour node, NAME=NUMBER as v4l2-ctl lists them"},

@@ -57,6 +57,10 @@ const char* to_string(EventCode code) {
       return "loop_closed";
     case EventCode::SegmentStarted:
       return "segment_started";
+    case EventCode::SourceRefused:
+      return "source_refused";
+    case EventCode::SourceTimeJump:
+      return "source_time_jump";
     case EventCode::DepthEmpty:
       return "depth_empty";
     case EventCode::DepthScale:

@@ -33,6 +33,8 @@ enum class EventCode : std::uint8_t {
   DepthUnregistered,  ///< depth is not seen from where colour is; a = px that its edges lie off
   LoopClosed,         ///< a known place was recognised and the map mended; a = correction epoch
   SegmentStarted,     ///< lost for long, tracking begins anew at a predicted pose; a = segment
+  SourceRefused,      ///< the camera cannot be opened anew, for a reason told beside; a = tries so far
+  SourceTimeJump,     ///< the camera's clock was set; a = ms forwards
 };
 const char* to_string(EventCode code);
 

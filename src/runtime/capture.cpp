@@ -65,8 +65,10 @@ Capture::Outcome Capture::fill_spare(Nanoseconds deadline_ns) {
     drop(DropReason::TimeJump);
     return Outcome::Nothing;
   }
+  if (!is_log_ && first_stamp_ns_) tell_jump(slot);
   if (!first_stamp_ns_) first_stamp_ns_ = slot.colour_ns;
   newest_stamp_ns_ = slot.colour_ns;
+  newest_arrival_ns_ = monotonic_now();
   if (duration_s_ > 0 && to_seconds(slot.colour_ns - *first_stamp_ns_) > duration_s_) return Outcome::End;
   slot.sequence = next_sequence_++;
   slot.due_ns = monotonic_now();
@@ -95,11 +97,19 @@ bool Capture::mend_clock(FrameSlot& slot) {
   last_early_ns_ = slot.colour_ns;
   if (is_log_ || early_ <= kFramesToBelieve) return false;
   const Nanoseconds back_ns = newest_stamp_ns_ + step_ns - slot.colour_ns;
+  tell(EventCode::SourceTimeJump, -back_ns / 1'000'000);
   clock_offset_ns_ += back_ns;
   slot.colour_ns += back_ns;
   slot.depth_ns += back_ns;
   early_ = 0;
   return true;
+}
+
+/// A camera's clock that was put on, as the machine's own shows beside it.
+void Capture::tell_jump(const FrameSlot& slot) {
+  constexpr Nanoseconds kJump_ns = 1'000'000'000;
+  const Nanoseconds on_ns = (slot.colour_ns - newest_stamp_ns_) - (monotonic_now() - newest_arrival_ns_);
+  if (on_ns > kJump_ns) tell(EventCode::SourceTimeJump, on_ns / 1'000'000);
 }
 
 void Capture::check_depth(const FrameSlot& slot) {
@@ -109,8 +119,12 @@ void Capture::check_depth(const FrameSlot& slot) {
   EventCode code = EventCode::DepthEmpty;
   if (verdict.fault == DepthFault::Scale) code = EventCode::DepthScale;
   if (verdict.fault == DepthFault::Unregistered) code = EventCode::DepthUnregistered;
-  static_cast<void>(
-      events_.try_push({monotonic_now(), Stage::Capture, code, slot.sequence, verdict.amount, 0}));
+  tell(code, verdict.amount);
+}
+
+/// Of the newest frame.
+void Capture::tell(EventCode code, std::int64_t a) {
+  static_cast<void>(events_.try_push({monotonic_now(), Stage::Capture, code, next_sequence_ - 1, a, 0}));
 }
 
 }  // namespace stillmap

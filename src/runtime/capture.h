@@ -50,7 +50,9 @@ class Capture {
   Outcome fill_spare(Nanoseconds deadline_ns);
   void drop(DropReason reason);
   bool mend_clock(FrameSlot& slot);
+  void tell_jump(const FrameSlot& slot);
   void check_depth(const FrameSlot& slot);
+  void tell(EventCode code, std::int64_t a);
 
   RgbdDriver& driver_;
   FramePool& frames_;
@@ -65,6 +67,7 @@ class Capture {
   std::uint64_t next_sequence_ = 0;
   std::optional<Nanoseconds> first_stamp_ns_;
   Nanoseconds newest_stamp_ns_ = std::numeric_limits<Nanoseconds>::min();
+  Nanoseconds newest_arrival_ns_ = 0;  // monotonic
   static constexpr int kFramesToBelieve = 30;
   Nanoseconds clock_offset_ns_ = 0;  // added to the source's stamps
   Nanoseconds last_early_ns_ = 0;    // of the last frame from before the newest, and how many such have risen

@@ -76,16 +76,42 @@ Finding limit_of(int resource, const std::string& name, rlim_t enough, const std
           name + ": " + (endless ? "unlimited" : std::to_string(limit.rlim_cur)), mend};
 }
 
+/// Cameras of a protocol of their own, which OpenNI2 reads with a plug-in.
+struct PlugIn {
+  const char *vendor, *product;  ///< of the USB device; a null product: each of the vendor's
+  const char *file, *mend;
+};
+constexpr PlugIn kPlugIns[]{
+    {"1d27", nullptr, "libPS1080.so.0", "apt-get install libopenni2-0"},
+    {"2bc5", nullptr, "liborbbec.so.0",
+     "put liborbbec.so of Orbbec's OpenNI2 SDK there under that name; see docs/cameras.md"},
+    {"045e", "02ae", "libFreenectDriver.so.0",
+     "build libfreenect with its OpenNI2 driver and put it there under that name; see docs/cameras.md"}};
+
+const PlugIn* plug_in_of(const fs::path& device) {
+  const std::string vendor = word_of(device / "idVendor"), product = word_of(device / "idProduct");
+  const auto* found = std::ranges::find_if(kPlugIns, [&](const PlugIn& p) {
+    return vendor == p.vendor && (p.product == nullptr || product == p.product);
+  });
+  return found == std::end(kPlugIns) ? nullptr : found;
+}
+
+Finding plug_in(const fs::path& root, const PlugIn& wanted) {
+  const auto has = [&](const fs::path& libraries) {
+    return fs::exists(libraries / "OpenNI2/Drivers" / wanted.file);
+  };
+  return {std::ranges::any_of(entries(root / "usr/lib"), has),
+          std::string("OpenNI2's plug-in for it, OpenNI2/Drivers/") + wanted.file, wanted.mend};
+}
+
 void usb_cameras(const fs::path& root, std::vector<Finding>& findings) {
   for (const fs::path& device : entries(root / "sys/bus/usb/devices")) {
     constexpr const char* kVideo = "0e";
     bool video = false;
     for (const fs::path& part : entries(device)) video |= word_of(part / "bInterfaceClass") == kVideo;
     const std::string vendor = word_of(device / "idVendor");
-    // PrimeSense, Microsoft's Kinect, Orbbec: cameras of their own protocol.
-    const bool own_protocol =
-        vendor == "1d27" || vendor == "2bc5" || (vendor == "045e" && word_of(device / "idProduct") == "02ae");
-    if (!video && !own_protocol) continue;
+    const PlugIn* own_protocol = plug_in_of(device);
+    if (!video && own_protocol == nullptr) continue;
     std::string name;
     std::ifstream product(device / "product");
     std::getline(product, name);
@@ -95,6 +121,7 @@ void usb_cameras(const fs::path& root, std::vector<Finding>& findings) {
     findings.push_back({!wants_usb3 || std::atof(speed.c_str()) >= kUsb3_mbps,
                         "USB camera " + (name.empty() ? vendor : name) + " at " + speed + " Mbit/s",
                         "it is linked as USB 2: use a USB 3 port (blue) and a short USB 3 cable"});
+    if (own_protocol != nullptr) findings.push_back(plug_in(root, *own_protocol));
   }
 }
 

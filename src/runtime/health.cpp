@@ -84,8 +84,8 @@ void Health::log_events() {
   for (EventRing& ring : context_.events) {
     while (auto event = ring.try_pop()) log(*event);
   }
-  if (context_.source_events != nullptr) {
-    while (auto event = context_.source_events->try_pop()) log(*event);
+  if (context_.source_news != nullptr) {
+    while (auto event = context_.source_news->events.try_pop()) log(*event);
   }
   if (context_.stages.stream) {
     while (auto event = context_.stages.stream->events().try_pop()) log(*event);
@@ -99,8 +99,16 @@ void Health::log(const Event& e) {
         fmt::format("{} at frame {}: {}", to_string(e.code), e.sequence, words));
     return;
   }
+  if (e.code == EventCode::SourceRefused) {
+    context_.source_news->refusal.refresh();
+    say(LogLevel::Warning, to_string(e.stage),
+        fmt::format("{} (try {}): {}", to_string(e.code), e.a, context_.source_news->refusal.value().data()));
+    return;
+  }
   const bool quality = e.code == EventCode::QualityLowered || e.code == EventCode::QualityRaised;
-  const bool bad = quality || e.code == EventCode::TrackingLost || e.code == EventCode::DetectorFailed;
+  const bool bad = quality || e.code == EventCode::TrackingLost || e.code == EventCode::DetectorFailed ||
+                   e.code == EventCode::SourceGone || e.code == EventCode::SourceStalled ||
+                   e.code == EventCode::SourceTimeJump;
   const std::string detail =
       quality ? kSheddingPlan[static_cast<std::size_t>(e.a)].name : std::to_string(e.a);
   say(bad ? LogLevel::Warning : LogLevel::Info, to_string(e.stage),

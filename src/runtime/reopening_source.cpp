@@ -14,8 +14,8 @@ constexpr Nanoseconds kFirstPause = 250'000'000, kLongestPause = 2'000'000'000;
 
 }  // namespace
 
-ReopeningSource::ReopeningSource(Factory make, Patience patience, EventRing& events)
-    : make_(std::move(make)), patience_(patience), events_(events) {}
+ReopeningSource::ReopeningSource(Factory make, Patience patience, SourceNews& news)
+    : make_(std::move(make)), patience_(patience), news_(news) {}
 
 Status ReopeningSource::open() {
   camera_ = make_();
@@ -25,7 +25,7 @@ Status ReopeningSource::open() {
 }
 
 Status ReopeningSource::start() {
-  alive_ns_ = monotonic_now();
+  alive_ns_ = delivered_ns_ = monotonic_now();
   return camera_->start();
 }
 
@@ -40,29 +40,31 @@ GrabResult ReopeningSource::grab(FrameSlot& slot, Nanoseconds deadline_ns) {
   switch (result.status) {
     case GrabStatus::Frame:
     case GrabStatus::Dropped:
-      alive_ns_ = now;
+      alive_ns_ = delivered_ns_ = now;
+      if (tries_ > 0) tell(EventCode::SourceBack, std::exchange(tries_, 0));
       return result;
     case GrabStatus::Timeout:
       if (to_seconds(now - alive_ns_) < patience_.stall_s) return result;
-      lose(EventCode::SourceStalled);
-      return {GrabStatus::Timeout};
+      return lose(EventCode::SourceStalled);
     case GrabStatus::Lost:
-      lose(EventCode::SourceGone);
-      return {GrabStatus::Timeout};
+      return lose(EventCode::SourceGone);
     case GrabStatus::EndOfStream:
       return result;
   }
   return result;
 }
 
-void ReopeningSource::lose(EventCode code) {
+GrabResult ReopeningSource::lose(EventCode code) {
   const HeapScope scope(HeapOwner::Driver);
   camera_->stop();
   camera_.reset();
-  tries_ = 0;
+  if (tries_ > 0)
+    return try_later(info_.name + ": can be opened, but delivers nothing; unplug it and plug it in again");
+  refusal_told_.clear();
   pause_ns_ = kFirstPause;
   next_try_ns_ = monotonic_now() + pause_ns_;
-  tell(code, static_cast<std::int64_t>(to_ms(monotonic_now() - alive_ns_)));
+  tell(code, static_cast<std::int64_t>(to_ms(monotonic_now() - delivered_ns_)));
+  return {GrabStatus::Timeout};
 }
 
 GrabResult ReopeningSource::wait_for_return(Nanoseconds deadline_ns) {
@@ -71,29 +73,44 @@ GrabResult ReopeningSource::wait_for_return(Nanoseconds deadline_ns) {
     never_woken_.wait(never_woken_.ticket(), std::min(deadline_ns, next_try_ns_) - now);
     if (monotonic_now() < next_try_ns_) return {GrabStatus::Timeout};
   }
-  if (reopen()) return {GrabStatus::Timeout};
-  if (to_seconds(monotonic_now() - alive_ns_) >= patience_.give_up_s) return {GrabStatus::Lost};
+  const HeapScope scope(HeapOwner::Driver);
+  const Status opened = reopen();
+  return opened.ok() ? GrabResult{GrabStatus::Timeout} : try_later(opened.error().message);
+}
+
+GrabResult ReopeningSource::try_later(const std::string& why) {
+  if (why != refusal_told_) {
+    refusal_told_ = why;
+    SourceNews::Words words{};
+    why.copy(words.data(), words.size() - 1);
+    news_.refusal.publish(words);
+    tell(EventCode::SourceRefused, tries_);
+  }
+  if (to_seconds(monotonic_now() - delivered_ns_) >= patience_.give_up_s) return {GrabStatus::Lost};
   pause_ns_ = std::min(2 * pause_ns_, kLongestPause);
   next_try_ns_ = monotonic_now() + pause_ns_;
   return {GrabStatus::Timeout};
 }
 
-bool ReopeningSource::reopen() {
-  const HeapScope scope(HeapOwner::Driver);
+Status ReopeningSource::reopen() {
   ++tries_;
   std::unique_ptr<RgbdDriver> camera = make_();
-  if (!camera->open().ok()) return false;
+  if (Status s = camera->open(); !s.ok()) return s;
   // The pool's frames have the size of the first one.
   const SourceInfo info = camera->describe();
-  if (info.width != info_.width || info.height != info_.height || !camera->start().ok()) return false;
+  if (info.width != info_.width || info.height != info_.height) {
+    return Error{ExitCode::WrongConfig, info.name +
+                                            ": came back with pictures of another size; plug the first "
+                                            "camera in again"};
+  }
+  if (Status s = camera->start(); !s.ok()) return s;
   camera_ = std::move(camera);
   alive_ns_ = monotonic_now();
-  tell(EventCode::SourceBack, tries_);
-  return true;
+  return {};
 }
 
 void ReopeningSource::tell(EventCode code, std::int64_t a) {
-  static_cast<void>(events_.try_push({monotonic_now(), Stage::Capture, code, 0, a, 0}));
+  static_cast<void>(news_.events.try_push({monotonic_now(), Stage::Capture, code, 0, a, 0}));
 }
 
 }  // namespace stillmap

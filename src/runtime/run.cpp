@@ -348,7 +348,7 @@ Status run(const RunOptions& asked) {
   const auto context = std::make_unique<RunContext>(config, options, mode, *source.value().driver,
                                                     detector.get(), *stages, stop_requested);
   if (!options.resume.empty()) context->counters.state = static_cast<int>(TrackState::Lost);
-  context->source_events = source.value().events.get();
+  context->source_news = source.value().news.get();
   std::unique_ptr<Recorder> recorder;
   std::unique_ptr<RecordLane> record;
   if (!options.record.empty()) {

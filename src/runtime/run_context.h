@@ -12,6 +12,7 @@
 #include "runtime/flight_recorder.h"
 #include "runtime/load_shedder.h"
 #include "runtime/record_lane.h"
+#include "runtime/reopening_source.h"
 #include "runtime/run_options.h"
 #include "runtime/run_state.h"
 #include "runtime/stages.h"
@@ -55,7 +56,7 @@ struct RunContext {
   FlightRecorder flight;
   std::function<void(Stage)> on_work;  ///< tests hold a stage up with it; empty in a run
   RecordLane* record = nullptr;        ///< null: nothing is recorded
-  EventRing* source_events = nullptr;  ///< a camera's own, told on capture's thread; null: none
+  SourceNews* source_news = nullptr;   ///< a camera's; null: none
   bool source_lost = false;            ///< written by capture, read when the run has ended
 
   /// A full ring counts what it refuses.

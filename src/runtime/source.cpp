@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/source.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <utility>
@@ -8,7 +9,6 @@
 #include "drivers/paired/paired.h"
 #include "drivers/tum_log/tum_log.h"
 #include "runtime/driver_module.h"
-#include "runtime/reopening_source.h"
 
 #ifdef STILLMAP_HAS_V4L2
 #include "drivers/v4l2/v4l2_stream.h"
@@ -41,9 +41,9 @@ Result<OpenedSource> open_log(const std::string& folder, const Config& config, i
 /// A recording ends, and cannot be opened anew in its middle; a camera can.
 Result<OpenedSource> open_camera(const ReopeningSource::Factory& make, const Config& config) {
   OpenedSource source;
-  source.events = std::make_unique<EventRing>();
+  source.news = std::make_unique<SourceNews>();
   source.driver = std::make_unique<ReopeningSource>(
-      make, ReopeningSource::Patience{config.device.stall_s, config.device.give_up_s}, *source.events);
+      make, ReopeningSource::Patience{config.device.stall_s, config.device.give_up_s}, *source.news);
   if (Status s = source.driver->open(); !s.ok()) return s.error();
   return source;
 }
@@ -84,23 +84,15 @@ Result<OpenedSource> open_v4l2(const std::string& uri, const std::string& nodes,
       config);
 }
 
-/// The first node with depth makes a camera with the first other one with colour, on the same plug if it can.
 void find_v4l2(std::vector<FoundSource>& found) {
   const std::vector<V4l2Device> devices = list_v4l2_devices();
-  for (const V4l2Device& depth : devices) {
-    if (!depth.depth) continue;
-    const V4l2Device* partner = nullptr;
-    for (const V4l2Device& colour : devices) {
-      if (!colour.colour || colour.path == depth.path) continue;
-      if (partner == nullptr || (partner->bus != depth.bus && colour.bus == depth.bus)) partner = &colour;
-    }
-    if (partner == nullptr) continue;
-    found.push_back(
-        {"v4l2:" + partner->path + "," + depth.path, partner->card + " with depth of " + depth.card});
+  for (const V4l2Pair& pair : pair_v4l2_devices(devices)) {
+    found.push_back({"v4l2:" + pair.colour->path + "," + pair.depth->path,
+                     pair.colour->card + " with depth of " + pair.depth->card});
   }
   for (const V4l2Device& device : devices) {
-    found.push_back({"", device.path + ": " + device.card + (device.colour ? ", colour" : "") +
-                             (device.depth ? ", depth" : "")});
+    found.push_back({"", device.path + ": " + device.card + (device.as_colour > 0 ? ", colour" : "") +
+                             (device.as_depth > 0 ? ", depth" : "")});
   }
 }
 #endif
@@ -114,6 +106,7 @@ Result<OpenedSource> open_openni2(const std::string& uri, const std::string& dev
                               .width = config.camera.width,
                               .height = config.camera.height,
                               .fps = config.mount.fps,
+                              .colour_format = config.device.colour_format,
                               .depth_units_per_m = config.camera.depth_units_per_m,
                               .register_depth = !setup.depth_lens};
   const auto make = [setup, request, cameras = module.value()] {
@@ -129,17 +122,16 @@ Result<OpenedSource> open_openni2(const std::string& uri, const std::string& dev
 #endif
 
 #ifdef STILLMAP_HAS_LIBCAMERA
-/// The first video node with depth; empty without any.
-std::string first_depth_node() {
-  for (const V4l2Device& device : list_v4l2_devices()) {
-    if (device.depth) return device.path;
-  }
-  return "";
+/// The first of the video nodes that serve best as depth; empty without any.
+std::string best_depth_node() {
+  const std::vector<V4l2Device> devices = list_v4l2_devices();
+  const auto best = std::ranges::max_element(devices, {}, &V4l2Device::as_depth);
+  return best == devices.end() || best->as_depth == 0 ? "" : best->path;
 }
 
 Result<OpenedSource> open_libcamera(const std::string& uri, const std::string& rest, const Config& config) {
   const std::size_t comma = rest.rfind(",/dev/");  // an ID may have a comma of its own
-  const std::string node = comma == std::string::npos ? first_depth_node() : rest.substr(comma + 1);
+  const std::string node = comma == std::string::npos ? best_depth_node() : rest.substr(comma + 1);
   if (node.empty()) {
     return Error{ExitCode::WrongConfig,
                  "--source " + uri +
@@ -152,7 +144,8 @@ Result<OpenedSource> open_libcamera(const std::string& uri, const std::string& r
   const CameraRequest colour{.device = rest.substr(0, comma),
                              .width = config.camera.width,
                              .height = config.camera.height,
-                             .fps = config.mount.fps};
+                             .fps = config.mount.fps,
+                             .colour_format = config.device.colour_format};
   return open_camera(
       [setup, colour, depth = depth_request(node, setup, config), cameras = module.value()] {
         return std::make_unique<Paired>(setup, cameras->make(colour).colour,
@@ -164,7 +157,7 @@ Result<OpenedSource> open_libcamera(const std::string& uri, const std::string& r
 void find_libcamera(std::vector<FoundSource>& found) {
   Result<CameraModule*> module = open_driver_module("libcamera");
   if (!module.ok()) return;
-  const std::string depth = first_depth_node();
+  const std::string depth = best_depth_node();
   for (const FoundCamera& camera : module.value()->list()) {
     const std::string uri = "libcamera:" + camera.device;
     found.push_back(

@@ -6,16 +6,16 @@
 #include <vector>
 
 #include "core/config.h"
-#include "core/event.h"
 #include "core/status.h"
 #include "drivers/rgbd_driver.h"
+#include "runtime/reopening_source.h"
 
 namespace stillmap {
 
 struct OpenedSource {
   std::unique_ptr<RgbdDriver> driver;
-  std::vector<Nanoseconds> stamps;    ///< colour stamps of a log's first pass; empty for a camera
-  std::unique_ptr<EventRing> events;  ///< what happens to a camera, told on capture's thread; null for a log
+  std::vector<Nanoseconds> stamps;   ///< colour stamps of a log's first pass; empty for a camera
+  std::unique_ptr<SourceNews> news;  ///< null for a log
 };
 
 /// Opens what a source URI names: `tum:DIR`, `v4l2:COLOUR,DEPTH`, `openni2:[URI|FILE.oni]`,

@@ -37,6 +37,8 @@ class Machine(ProgramTest):
                            "sys/bus/usb/devices/2-1/idVendor": "8086", "sys/bus/usb/devices/2-1/product": "Depth Camera 435",
                            "sys/bus/usb/devices/2-1/speed": "480", "sys/bus/usb/devices/2-1/2-1:1.0/bInterfaceClass": "0e",
                            "sys/bus/usb/devices/3-1/idVendor": "046d", "sys/bus/usb/devices/3-1/bInterfaceClass": "03",
+                           "sys/bus/usb/devices/4-1/idVendor": "045e", "sys/bus/usb/devices/4-1/idProduct": "02ae",
+                           "sys/bus/usb/devices/5-1/idVendor": "1d27", "usr/lib/any/OpenNI2/Drivers/libPS1080.so.0": "",
                            "dev/video0": ""}.items():
             path = self.path / name
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -53,6 +55,8 @@ class Machine(ProgramTest):
         self.assertIn("BAD  frequency governor: powersave", lines)
         self.assertIn("BAD  USB camera Depth Camera 435 at 480 Mbit/s", lines)
         self.assertNotIn("046d", result.stdout)
+        self.assertIn("BAD  OpenNI2's plug-in for it, OpenNI2/Drivers/libFreenectDriver.so.0", lines)
+        self.assertIn("ok   OpenNI2's plug-in for it, OpenNI2/Drivers/libPS1080.so.0", lines)
         self.assertTrue(any(line.endswith("/dev/video0 can be opened") for line in lines), result.stdout)
         for limit in ("real-time priority", "locked memory"):
             self.assertIn(limit, result.stdout)

@@ -22,7 +22,7 @@ void expect_names(int count) {
 TEST(Event, EveryValueHasAName) {
   expect_names<Stage>(kStageCount);
   expect_names<DropReason>(kDropReasonCount);
-  expect_names<EventCode>(static_cast<int>(EventCode::SegmentStarted) + 1);
+  expect_names<EventCode>(static_cast<int>(EventCode::SourceTimeJump) + 1);
 }
 
 TEST(Event, AFullRingCountsWhatItRefused) {

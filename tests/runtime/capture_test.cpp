@@ -140,6 +140,27 @@ TEST(Capture, ACamerasClockThatIsSetBackCostsASecond) {
     EXPECT_EQ(stamps[i], kNow + static_cast<Nanoseconds>(i) * kFrame_ns) << i;
   EXPECT_EQ(bench.dropped(DropReason::TimeJump), 60u);
   EXPECT_EQ(bench.counters.offered.load(), 210u);
+  int told = 0;
+  while (const std::optional<Event> event = bench.events.try_pop()) {
+    if (event->code != EventCode::SourceTimeJump) continue;  // the frames have no depth, either
+    EXPECT_NEAR(static_cast<double>(event->a), -to_ms(kHour), 5000);
+    ++told;
+  }
+  EXPECT_EQ(told, 2);
+}
+
+TEST(Capture, ACamerasClockThatIsPutOnIsTold) {
+  std::vector<Grab> grabs;
+  add_frames(grabs, kNow, 10);
+  add_frames(grabs, kNow + kHour, 10);
+  Bench bench(grabs, false);
+  EXPECT_EQ(stamps_of(bench).size(), 20u);
+  const std::optional<Event> told = bench.events.try_pop();
+  ASSERT_TRUE(told.has_value());
+  EXPECT_EQ(told->code, EventCode::SourceTimeJump);
+  EXPECT_EQ(told->sequence, 9u) << "after this frame";
+  EXPECT_NEAR(static_cast<double>(told->a), to_ms(kHour), 5000);
+  EXPECT_FALSE(bench.events.try_pop().has_value());
 }
 
 TEST(Capture, AStampFromTheFutureCostsASecondNotAnHour) {

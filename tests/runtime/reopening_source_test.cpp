@@ -17,23 +17,28 @@ struct Plug {
   std::size_t opened = 0;
   SourceInfo info{.name = "camera", .width = 4, .height = 4, .fps = 30};
   test::ScriptedDriver::Fill fill = [](int, FrameSlot&) {};
+  std::vector<std::string> reasons{};  ///< why the n-th does not open, where it does not
 
   class Camera : public test::ScriptedDriver {
    public:
     Camera(const Plug& plug, std::vector<Grab> grabs)
-        : ScriptedDriver(plug.info, grabs, plug.fill), absent_(grabs.empty()) {}
+        : ScriptedDriver(plug.info, grabs, plug.fill),
+          absent_(grabs.empty()),
+          reason_(plug.opened < plug.reasons.size() ? plug.reasons[plug.opened] : "no such camera") {}
     Status open() override {
-      if (absent_) return Error{ExitCode::RunFailed, "no such camera"};
+      if (absent_) return Error{ExitCode::RunFailed, reason_};
       return {};
     }
 
    private:
     bool absent_;
+    std::string reason_;
   };
   ReopeningSource::Factory factory() {
     return [this] {
-      const std::vector<Grab>& grabs = cameras[std::min(opened++, cameras.size() - 1)];
-      return std::make_unique<Camera>(*this, grabs);
+      auto camera = std::make_unique<Camera>(*this, cameras[std::min(opened, cameras.size() - 1)]);
+      ++opened;
+      return camera;
     };
   }
 };
@@ -45,6 +50,11 @@ std::vector<EventCode> codes(EventRing& events) {
   std::vector<EventCode> all;
   while (auto event = events.try_pop()) all.push_back(event->code);
   return all;
+}
+
+std::string refusal(SourceNews& news) {
+  news.refusal.refresh();
+  return news.refusal.value().data();
 }
 
 /// Grabs until a frame or the end, at most for five seconds.
@@ -60,8 +70,8 @@ GrabStatus next_outcome(ReopeningSource& source) {
 
 TEST(ReopeningSource, OpensAnUnpluggedCameraAgain) {
   Plug plug{{{{.stamp_ns = 1}, kLost}, {}, {{.stamp_ns = 2}, kLost}, {{.stamp_ns = 3}}}};
-  EventRing events;
-  ReopeningSource source(plug.factory(), {.stall_s = 1, .give_up_s = 30}, events);
+  SourceNews news;
+  ReopeningSource source(plug.factory(), {.stall_s = 1, .give_up_s = 30}, news);
   ASSERT_TRUE(source.open().ok());
   ASSERT_TRUE(source.start().ok());
   EXPECT_EQ(source.describe().name, "camera");
@@ -69,43 +79,118 @@ TEST(ReopeningSource, OpensAnUnpluggedCameraAgain) {
   EXPECT_EQ(next_outcome(source), GrabStatus::Frame) << "the second did not open, the third did";
   EXPECT_EQ(next_outcome(source), GrabStatus::Frame);
   EXPECT_EQ(plug.opened, 4u);
-  EXPECT_THAT(codes(events), testing::ElementsAre(EventCode::SourceGone, EventCode::SourceBack,
-                                                  EventCode::SourceGone, EventCode::SourceBack));
+  EXPECT_THAT(codes(news.events),
+              testing::ElementsAre(EventCode::SourceGone, EventCode::SourceRefused, EventCode::SourceBack,
+                                   EventCode::SourceGone, EventCode::SourceBack));
 }
 
 TEST(ReopeningSource, OpensASilentCameraAgain) {
   Plug plug{{{{.stamp_ns = 1}, kSilent, kSilent, kSilent, kSilent, kSilent, kSilent, kSilent, kSilent},
              {{.stamp_ns = 2}}}};
-  EventRing events;
-  ReopeningSource source(plug.factory(), {.stall_s = 0.1, .give_up_s = 30}, events);
+  SourceNews news;
+  ReopeningSource source(plug.factory(), {.stall_s = 0.1, .give_up_s = 30}, news);
   ASSERT_TRUE(source.open().ok());
   ASSERT_TRUE(source.start().ok());
   EXPECT_EQ(next_outcome(source), GrabStatus::Frame);
   EXPECT_EQ(next_outcome(source), GrabStatus::Frame);
-  EXPECT_THAT(codes(events), testing::ElementsAre(EventCode::SourceStalled, EventCode::SourceBack));
+  EXPECT_THAT(codes(news.events), testing::ElementsAre(EventCode::SourceStalled, EventCode::SourceBack));
 }
 
 TEST(ReopeningSource, ACameraOfAnotherSizeIsNotTakenForIt) {
   Plug plug{{{{.stamp_ns = 1}, kLost}, {{.stamp_ns = 2}}}};
-  EventRing events;
-  ReopeningSource source(plug.factory(), {.stall_s = 1, .give_up_s = 0.4}, events);
+  SourceNews news;
+  ReopeningSource source(plug.factory(), {.stall_s = 1, .give_up_s = 0.4}, news);
   ASSERT_TRUE(source.open().ok());
   ASSERT_TRUE(source.start().ok());
   EXPECT_EQ(next_outcome(source), GrabStatus::Frame);
   plug.info.width = 8;
   EXPECT_EQ(next_outcome(source), GrabStatus::Lost);
+  EXPECT_THAT(refusal(news), testing::HasSubstr("camera: came back with pictures of another size"));
 }
 
 TEST(ReopeningSource, GivesUpWhatStaysAway) {
   Plug plug{{{{.stamp_ns = 1}, kLost}, {}}};
-  EventRing events;
-  ReopeningSource source(plug.factory(), {.stall_s = 1, .give_up_s = 0.3}, events);
+  SourceNews news;
+  ReopeningSource source(plug.factory(), {.stall_s = 1, .give_up_s = 0.3}, news);
   ASSERT_TRUE(source.open().ok());
   ASSERT_TRUE(source.start().ok());
   EXPECT_EQ(next_outcome(source), GrabStatus::Frame);
   EXPECT_EQ(next_outcome(source), GrabStatus::Lost);
   EXPECT_GE(plug.opened, 2u);
-  EXPECT_THAT(codes(events), testing::ElementsAre(EventCode::SourceGone));
+  EXPECT_THAT(codes(news.events), testing::ElementsAre(EventCode::SourceGone, EventCode::SourceRefused))
+      << "each reason once, however often it is tried";
+  EXPECT_EQ(refusal(news), "no such camera");
+}
+
+TEST(ReopeningSource, GivesUpWhatCanBeOpenedButDeliversNothing) {
+  std::vector<Grab> silent(2000, kSilent);
+  Plug plug{{{{.stamp_ns = 1}, kLost}, silent}};
+  SourceNews news;
+  ReopeningSource source(plug.factory(), {.stall_s = 0.05, .give_up_s = 0.6}, news);
+  ASSERT_TRUE(source.open().ok());
+  ASSERT_TRUE(source.start().ok());
+  EXPECT_EQ(next_outcome(source), GrabStatus::Frame);
+  EXPECT_EQ(next_outcome(source), GrabStatus::Lost);
+  EXPECT_GE(plug.opened, 3u);
+  EXPECT_THAT(codes(news.events), testing::ElementsAre(EventCode::SourceGone, EventCode::SourceRefused))
+      << "it was never back";
+  EXPECT_THAT(refusal(news), testing::HasSubstr("camera: can be opened, but delivers nothing"));
+}
+
+TEST(ReopeningSource, EachNewReasonWhyItCannotBeOpenedIsTold) {
+  Plug plug{{{{.stamp_ns = 1}, kLost}, {}, {}, {{.stamp_ns = 2}}}};
+  plug.reasons = {"", "/dev/video0: no such camera", "/dev/video0: another program uses it"};
+  SourceNews news;
+  ReopeningSource source(plug.factory(), {.stall_s = 1, .give_up_s = 30}, news);
+  ASSERT_TRUE(source.open().ok());
+  ASSERT_TRUE(source.start().ok());
+  EXPECT_EQ(next_outcome(source), GrabStatus::Frame);
+  EXPECT_EQ(next_outcome(source), GrabStatus::Frame);
+  EXPECT_THAT(codes(news.events), testing::ElementsAre(EventCode::SourceGone, EventCode::SourceRefused,
+                                                       EventCode::SourceRefused, EventCode::SourceBack));
+  EXPECT_EQ(refusal(news), "/dev/video0: another program uses it");
+}
+
+TEST(ReopeningSource, TheTrackerThatLostItsWayMeanwhileFindsItAgain) {
+  constexpr int kDark = -1;
+  std::vector<Grab> before, after;
+  const auto frame = [](int i, int picture) {
+    return Grab{.stamp_ns = test::WallScene::stamp_ns(i), .picture = picture};
+  };
+  for (int i = 0; i < 20; ++i) before.push_back(frame(i, i));
+  before.push_back(kLost);
+  for (int i = 50; i < 56; ++i) after.push_back(frame(i, kDark));  // it comes back with a hand before it
+  for (int i = 56; i < 80; ++i) after.push_back(frame(i, i - 50));
+  static const test::WallScene scene;
+  Plug plug{{before, {}, after},
+            0,
+            {.name = "wall", .width = test::WallScene::kWidth, .height = test::WallScene::kHeight, .fps = 30},
+            [](int picture, FrameSlot& slot) {
+              if (picture != kDark) return scene.draw(picture, slot);
+              for (int y = 0; y < slot.colour.height; ++y) {
+                std::fill_n(slot.colour.row(y), slot.colour.width, Bgr{});
+                std::fill_n(slot.depth.row(y), slot.depth.width, std::uint16_t{0});
+              }
+            }};
+  SourceNews news;
+  ReopeningSource source(plug.factory(), {.stall_s = 1, .give_up_s = 30}, news);
+  ASSERT_TRUE(source.open().ok());
+  ASSERT_TRUE(source.start().ok());
+  RunOptions options;
+  options.mode = RunMode::Lockstep;
+  test::Pipeline p(source, options);
+  run_lockstep(*p.context);
+  p.expect_accounted();
+  const RunCounters& c = p.context->counters;
+  EXPECT_EQ(c.processed.load(), 50u);
+  EXPECT_GE(c.lost.load(), 6u);
+  EXPECT_EQ(c.relocalized.load(), 1u);
+  EXPECT_EQ(static_cast<TrackState>(c.state.load()), TrackState::Tracking);
+  // At the place of the wall that it left, not in a map of its own.
+  const auto& poses = p.context->track_log.causal;
+  ASSERT_GE(poses.size(), 2u);
+  EXPECT_NEAR(norm(poses[poses.size() - 1].T_world_camera.t - poses[0].T_world_camera.t),
+              norm(test::WallScene::T_first_camera(29).t), 0.03);
 }
 
 TEST(ReopeningSource, ARunGoesOnAfterAnInterruptionAndEndsWhenTheCameraIsGoneForGood) {
@@ -123,8 +208,8 @@ TEST(ReopeningSource, ARunGoesOnAfterAnInterruptionAndEndsWhenTheCameraIsGoneFor
             0,
             {.name = "wall", .width = test::WallScene::kWidth, .height = test::WallScene::kHeight, .fps = 30},
             [](int picture, FrameSlot& slot) { scene.draw(picture, slot); }};
-  EventRing events;
-  ReopeningSource source(plug.factory(), {.stall_s = 1, .give_up_s = 1}, events);
+  SourceNews news;
+  ReopeningSource source(plug.factory(), {.stall_s = 1, .give_up_s = 1}, news);
   ASSERT_TRUE(source.open().ok());
   ASSERT_TRUE(source.start().ok());
   RunOptions options;

@@ -314,8 +314,25 @@ TEST(V4l2, ListsWhatCanBeCapturedFrom) {
   ASSERT_EQ(devices.size(), 3u);
   EXPECT_EQ(devices[0].path, "/dev/video0");
   EXPECT_EQ(devices[0].card, "vivid");
-  EXPECT_TRUE(devices[0].colour);
-  EXPECT_TRUE(devices[0].depth) << "it has Y16";
+  EXPECT_EQ(devices[0].as_colour, 2);
+  EXPECT_EQ(devices[0].as_depth, 1) << "it has Y16 but no Z16";
+}
+
+TEST(V4l2, DepthIsPairedWithColourOfTheSameDeviceAndNotWithItsInfrared) {
+  // A webcam, then a RealSense D435 as uvcvideo shows it: depth, infrared, colour.
+  const std::vector<V4l2Device> devices{{"/dev/video0", "webcam", "usb-1", 2, 0},
+                                        {"/dev/video2", "D435", "usb-2", 0, 2},
+                                        {"/dev/video4", "D435", "usb-2", 1, 1},
+                                        {"/dev/video6", "D435", "usb-2", 2, 0}};
+  const std::vector<V4l2Pair> pairs = pair_v4l2_devices(devices);
+  ASSERT_EQ(pairs.size(), 2u);
+  EXPECT_EQ(pairs[0].depth->path, "/dev/video2");
+  EXPECT_EQ(pairs[0].colour->path, "/dev/video6");
+  EXPECT_EQ(pairs[1].depth->path, "/dev/video4") << "what only may be depth comes last";
+  // One without a colour camera goes by its infrared, and two that are plugged in apart go together.
+  EXPECT_EQ(pair_v4l2_devices({devices[0], devices[1], devices[2]})[0].colour->bus, "usb-2");
+  EXPECT_EQ(pair_v4l2_devices({devices[0], devices[1]})[0].colour->bus, "usb-1");
+  EXPECT_TRUE(pair_v4l2_devices({devices[1]}).empty());
 }
 
 }  // namespace

@@ -30,6 +30,7 @@ INIT = """#!/bin/busybox sh
 /bin/busybox mount -t proc proc /proc
 /bin/busybox mount -t sysfs sysfs /sys
 /bin/busybox mount -t devtmpfs devtmpfs /dev
+/bin/busybox ifconfig lo up
 for module in $(/bin/busybox cat /modules/order); do
   case $module in vivid*) options="n_devs=3 node_types=0x1,0x1,0x1 multiplanar=1,1,2" ;; *) options= ;; esac
   /bin/busybox insmod /modules/$module $options || echo "insmod $module failed"
