@@ -138,7 +138,8 @@ void ClientSession::end_block_answer() {
 
 bool ClientSession::pending(Channel channel, const Feed& feed) const {
   if (!subscribed(channel)) return false;
-  if (channel == Channel::Map) return owed_cloud(feed.cloud) && feed.cloud.readable();
+  if (channel == Channel::Map)
+    return owed_cloud(feed.cloud) && feed.cloud.readable() && !feed.cloud_under_way;
   if (channel == Channel::Blocks) return blocks_pending();
   return place_[index_of(channel)] < feed.topic(channel).end();
 }

@@ -31,6 +31,7 @@ struct Feed {
   const bool with_picture;                  ///< whether there is a channel for it
   std::array<Topic, kChannelCount> topics;  ///< by channel; Map and Blocks are no topics
   CloudExchange cloud;
+  bool cloud_under_way = false;  ///< it is some client's turn: no other begins to receive it
 
   Topic& topic(Channel channel) { return topics[index_of(channel)]; }
   const Topic& topic(Channel channel) const { return topics[index_of(channel)]; }
@@ -53,6 +54,9 @@ class ClientSession {
   /// How long a client may take to receive one cloud. The buffer is shared: whoever takes longer keeps it
   /// from others.
   static constexpr Nanoseconds kCloudTimeout_ns = 5'000'000'000;
+  /// A client's poses wait behind its cloud. Clouds go out one after the other, so that they wait for that
+  /// one alone and not for everybody's; who takes longer than this no longer keeps the others from beginning.
+  static constexpr Nanoseconds kCloudTurn_ns = 50'000'000;
   /// Passes over the map's blocks begin at most this often.
   static constexpr Nanoseconds kBlockPass_ns = 250'000'000;
 
@@ -77,6 +81,10 @@ class ClientSession {
   /// Whether it is subscribed to clouds and has not begun to receive the newest one.
   bool owed_cloud(const CloudExchange& cloud) const;
   bool receiving_cloud() const { return cloud_started_ns_.has_value(); }
+  /// Whether it is still its turn to receive the cloud, which others have to wait for.
+  bool has_cloud_turn(Nanoseconds now_ns) const {
+    return cloud_started_ns_ && now_ns - *cloud_started_ns_ < kCloudTurn_ns;
+  }
   /// Whether it has stopped reading in the middle of a cloud, or sends too much.
   bool intolerable(Nanoseconds now_ns) const {
     return flooding_ || (cloud_started_ns_ && now_ns - *cloud_started_ns_ > kCloudTimeout_ns);

@@ -159,6 +159,7 @@ bool WebServer::subscribed(Channel channel) const {
 void WebServer::service(int timeout_ms) {
   give_up_on_the_intolerable();
   manage_cloud();
+  pass_cloud_turn();
   const Nanoseconds now_ns = monotonic_now();
   for (Slot& slot : slots_) {
     if (slot.socket == nullptr) continue;
@@ -212,6 +213,13 @@ void WebServer::manage_cloud() {
   }
 }
 
+void WebServer::pass_cloud_turn() {
+  const Nanoseconds now_ns = monotonic_now();
+  feed_.cloud_under_way = std::ranges::any_of(slots_, [now_ns](const Slot& slot) {
+    return slot.socket != nullptr && slot.session.has_cloud_turn(now_ns);
+  });
+}
+
 int WebServer::accept(lws* socket, Connection& connection) {
   connection.slot = nullptr;
   if (stopping_) return close_with(socket, LWS_CLOSE_STATUS_GOINGAWAY, kEnding);
@@ -260,6 +268,7 @@ void WebServer::receive(Slot& slot, std::string_view piece) {
 int WebServer::write(Slot& slot) {
   if (stopping_) return close_with(slot.socket, LWS_CLOSE_STATUS_GOINGAWAY, kEnding);
   if (slot.given_up) return -1;
+  pass_cloud_turn();
   const Nanoseconds now_ns = monotonic_now();
   const std::span<std::uint8_t> out = scratch_.subspan(LWS_PRE);
   for (std::size_t sent = 0; sent < kBytesPerRound;) {

@@ -59,6 +59,7 @@ class WebServer {
   Status create_context(const ListenAddress& address);
   void give_up_on_the_intolerable();
   void manage_cloud();
+  void pass_cloud_turn();
   int accept(lws* socket, Connection& connection);
   void forget(Connection& connection);
   void receive(Slot& slot, std::string_view piece);

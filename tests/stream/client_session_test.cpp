@@ -192,6 +192,29 @@ TEST_F(ClientSessionTest, EachCloudGoesOutOnceAndOnlyWhenItMayBeRead) {
   EXPECT_EQ(take_all().size(), 1U);
 }
 
+TEST_F(ClientSessionTest, AnotherClientsCloudIsWaitedForAndPosesGoOn) {
+  take_all();
+  publish_cloud(5000, 1);
+  tell(R"({"op":"subscribe","subscriptions":[{"id":9,"channelId":3},{"id":8,"channelId":2}]})");
+  feed.cloud_under_way = true;
+  publish(1);
+  const auto poses = take_all();
+  ASSERT_EQ(poses.size(), 1U);
+  EXPECT_EQ(poses[0].subscription(), 8U);
+  EXPECT_TRUE(session.owed_cloud(cloud));
+  EXPECT_FALSE(session.has_cloud_turn(now));
+  feed.cloud_under_way = false;
+  session.next_chunk(feed, out, now);
+  feed.cloud_under_way = true;  // its own: it goes on
+  EXPECT_TRUE(session.has_cloud_turn(now + ClientSession::kCloudTurn_ns - 1));
+  EXPECT_FALSE(session.has_cloud_turn(now + ClientSession::kCloudTurn_ns));
+  do {
+    chunk = session.next_chunk(feed, out, now);
+    ASSERT_GT(chunk.bytes, 0U);
+  } while (!chunk.last);
+  EXPECT_FALSE(session.has_cloud_turn(now));
+}
+
 TEST_F(ClientSessionTest, UnsubscribingInTheMiddleOfACloudStillEndsTheMessage) {
   take_all();
   publish_cloud(5000, 1);
