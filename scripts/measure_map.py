@@ -6,7 +6,8 @@
 
 Both logs are in TUM format with the same stamps and ground truth; DIR/mask/<colour stamp>.png of the first marks the
 people (0: background). The empty log is mapped with true poses and nothing rejected: that is the truth. Mapped again
-without the pixels that people hide in the other log, it is the truth in view. Then the log with people is mapped under
+without the pixels that people hide in the other log, themselves or by the shadow beside them that its depth has no
+reading in, it is the truth in view. Then the log with people is mapped under
 each rule, with true poses and with the tracker's own (the map is brought into the truth's frame by the SE(3) alignment
 of the trajectory).
 
@@ -104,14 +105,16 @@ def associations(log):
 
 
 def hide_people(empty, walkers, out):
-    """The empty log without the pixels that people hide in the other one."""
+    """The empty log without the pixels that people, or the shadows of their depth, hide in the other one."""
     (out / "depth").mkdir(parents=True, exist_ok=True)
     (out / "associations.txt").write_text((empty / "associations.txt").read_text(encoding="utf-8"), encoding="utf-8")
     (out / "rgb").unlink(missing_ok=True)
     (out / "rgb").symlink_to((empty / "rgb").resolve())
+    with_people = {stamp: file for stamp, _, _, file in associations(walkers)}
     for stamp, _, _, file in associations(empty):
         depth = cv2.imread(str(empty / file), cv2.IMREAD_UNCHANGED)
         depth[cv2.imread(str(walkers / "mask" / f"{stamp}.png"), cv2.IMREAD_UNCHANGED) > 0] = 0
+        depth[cv2.imread(str(walkers / with_people[stamp]), cv2.IMREAD_UNCHANGED) == 0] = 0
         cv2.imwrite(str(out / file), depth)
     return out
 

@@ -2,8 +2,11 @@
 """measure_map.py: what it counts, on points whose ghosts are known."""
 import os
 import sys
+import tempfile
 import unittest
+from pathlib import Path
 
+import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -53,6 +56,19 @@ class MeasureMapTest(unittest.TestCase):
         rotation, position = measure_map.alignment(own, true)
         np.testing.assert_allclose(rotation, offset, atol=1e-9)
         np.testing.assert_allclose(position, [2, 2, 2], atol=1e-9)
+
+    def test_hidden_is_what_people_and_the_shadows_of_their_depth_cover(self):
+        with tempfile.TemporaryDirectory() as folder:
+            empty, walkers = Path(folder) / "empty", Path(folder) / "walkers"
+            for log, depth in ((empty, [[10, 20, 30, 0]]), (walkers, [[5, 0, 30, 0]])):
+                for part in ("rgb", "depth", "mask"):
+                    (log / part).mkdir(parents=True)
+                (log / "associations.txt").write_text("1.5 rgb/1.5.png 1.6 depth/1.6.png\n", encoding="utf-8")
+                cv2.imwrite(str(log / "depth/1.6.png"), np.array(depth, np.uint16))
+                cv2.imwrite(str(log / "mask/1.5.png"), np.array([[1, 0, 0, 0]], np.uint8))
+            hidden = measure_map.hide_people(empty, walkers, Path(folder) / "hidden")
+            left = cv2.imread(str(hidden / "depth/1.6.png"), cv2.IMREAD_UNCHANGED)
+            np.testing.assert_array_equal(left, [[0, 0, 30, 0]])
 
 
 if __name__ == "__main__":
