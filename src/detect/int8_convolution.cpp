@@ -3,6 +3,10 @@
 
 #include <algorithm>
 
+#ifdef __aarch64__
+#include <sys/auxv.h>
+#endif
+
 #include "core/check.h"
 #include "core/vector_clones.h"
 
@@ -59,6 +63,9 @@ std::span<const Int8Kernels* const> int8_kernels() {
       list.push_back(&isa_avx512::kernels);
     if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) list.push_back(&isa_avx2::kernels);
 #endif
+#ifdef __aarch64__
+    if ((getauxval(AT_HWCAP) & HWCAP_ASIMDDP) != 0) list.push_back(&isa_dotprod::kernels);
+#endif
     list.push_back(&isa_generic::kernels);
     return list;
   }();
@@ -82,6 +89,7 @@ Int8Convolution::Int8Convolution(const Int8Kernels& kernels, const Shape& shape,
       shape_(shape),
       in_zero_(in_zero),
       out_zero_(out_zero),
+      whole_range_(std::find(weights.begin(), weights.end(), -128) != weights.end()),
       bias_(bias.begin(), bias.end()),
       multiplier_(multiplier.begin(), multiplier.end()) {
   const std::size_t outputs = size(shape.out_channels, 1);
@@ -193,8 +201,8 @@ void Int8Convolution::run_dense(const std::int8_t* in, int width, int height, st
     rows = unrolled;
     for (int k = 0; k < depth; ++k) unrolled = unroll(in, width, height, k, unrolled);
   }
-  kernels_->dense({rows, depth, columns, shape_.out_channels, dense_weights_.data(), after(), out,
-                   reinterpret_cast<std::int32_t*>(scratch)});
+  kernels_->dense({rows, depth, columns, shape_.out_channels, dense_weights_.data(), whole_range_, after(),
+                   out, reinterpret_cast<std::int32_t*>(scratch)});
 }
 
 }  // namespace stillmap

@@ -71,6 +71,7 @@ class Int8Convolution {
   const Int8Kernels* kernels_;
   Shape shape_;
   int in_zero_, out_zero_;
+  bool whole_range_;  ///< a weight of -128 is among them
   std::vector<std::int32_t> dense_weights_;
   std::vector<float> depthwise_weights_;
   std::vector<std::int32_t> bias_;

@@ -3,67 +3,17 @@
 // the linker would keep one copy for all, perhaps the one that this CPU cannot run.
 #include "detect/int8_kernels.h"
 
-#if defined(__SSE2__)
-#include <immintrin.h>
-#elif defined(__ARM_NEON)
-#include <arm_neon.h>
-#endif
+#include "detect/int8_vectors.h"
 
 namespace stillmap::STILLMAP_ISA {
 
 namespace {
 
-#if defined(__AVX512VNNI__)
-constexpr int kLanes = 16, kWide = 4, kTile = 6, kPerLane = 4;
-#elif defined(__AVX2__)
-constexpr int kLanes = 8, kWide = 2, kTile = 6, kPerLane = 2;
-#else
-constexpr int kLanes = 4, kWide = 2, kTile = 4, kPerLane = 2;
-#endif
-#if defined(__SSE2__) && !defined(__AVX2__)
-constexpr bool kManyRegisters = false;  // a kernel's weights would go to memory and back
-#else
-constexpr bool kManyRegisters = true;
-#endif
-using Whole = std::int32_t __attribute__((vector_size(4 * kLanes), may_alias));
-using Real = float __attribute__((vector_size(4 * kLanes)));
-using Bytes = std::int8_t __attribute__((vector_size(kLanes), may_alias));
-using Loose = float __attribute__((vector_size(4 * kLanes), aligned(4), may_alias));
-using LooseBytes = std::int8_t __attribute__((vector_size(kLanes), aligned(1), may_alias));
-
-/// Sums of products of the kPerLane channels in each lane.
-inline Whole dot(Whole sum, Whole x, Whole w) {
-#if defined(__AVX512VNNI__)
-  return reinterpret_cast<Whole>(_mm512_dpbusd_epi32(
-      reinterpret_cast<__m512i>(sum), reinterpret_cast<__m512i>(x), reinterpret_cast<__m512i>(w)));
-#elif defined(__AVX2__)
-  return sum + reinterpret_cast<Whole>(
-                   _mm256_madd_epi16(reinterpret_cast<__m256i>(x), reinterpret_cast<__m256i>(w)));
-#elif defined(__SSE2__)
-  return sum +
-         reinterpret_cast<Whole>(_mm_madd_epi16(reinterpret_cast<__m128i>(x), reinterpret_cast<__m128i>(w)));
-#elif defined(__ARM_NEON)
-  const int32x4_t low = vmull_s16(vget_low_s16((int16x8_t)x), vget_low_s16((int16x8_t)w));
-  const int32x4_t high = vmull_s16(vget_high_s16((int16x8_t)x), vget_high_s16((int16x8_t)w));
-  return sum + (Whole)vcombine_s32(vpadd_s32(vget_low_s32(low), vget_high_s32(low)),
-                                   vpadd_s32(vget_low_s32(high), vget_high_s32(high)));
-#else
-  // The upper half's weight, then the lower half's with its sign.
-  return sum + (x >> 16) * (w >> 16) + ((x << 16) >> 16) * ((w << 16) >> 16);
-#endif
-}
-
-/// kDenseBlock columns of every channel, those of one lane side by side; what is beyond the input is 0.
+/// kDenseBlock columns of every channel, lane by lane; what is beyond the input is 0.
 void pack(const DenseJob& job, int first, int count) {
-#if defined(__AVX512VNNI__)
-  using Value = std::uint8_t;
-#else
-  using Value = std::int16_t;
-#endif
-  constexpr int kOffset = kPerLane == 4 ? 128 : 0;
   const auto columns = static_cast<std::size_t>(job.columns);
-  Value* to = reinterpret_cast<Value*>(job.scratch);
-  for (int k = 0; k < job.depth; k += kPerLane, to += kDenseBlock * kPerLane) {
+  std::int32_t* to = job.scratch;
+  for (int k = 0; k < job.depth; k += kPerLane, to += kDenseBlock) {
     const std::int8_t* from[kPerLane];
     std::int8_t rest[kPerLane][kDenseBlock];
     for (int i = 0; i < kPerLane; ++i) {
@@ -73,67 +23,41 @@ void pack(const DenseJob& job, int first, int count) {
         rest[i][x] = k + i < job.depth && x < count ? from[i][x] : std::int8_t{};
       from[i] = rest[i];
     }
-    for (int x = 0; x < kDenseBlock; ++x) {
-      for (int i = 0; i < kPerLane; ++i) to[kPerLane * x + i] = static_cast<Value>(from[i][x] + kOffset);
-    }
+    interleave(from, reinterpret_cast<std::int8_t*>(to));
   }
 }
 
 /// sums[tile][columns] of kWide vectors of columns.
-inline void multiply(const std::int32_t* x, const std::int32_t* w, int groups, std::int32_t* sums) {
-  Whole acc[kTile][kWide] = {};
-  for (int g = 0; g < groups; ++g, x += kDenseBlock, w += kTile) {
-    const Whole* from = reinterpret_cast<const Whole*>(x);
-#pragma GCC unroll 8
-    for (int o = 0; o < kTile; ++o) {
-      const Whole weight = Whole{} + w[o];
-#pragma GCC unroll 8
-      for (int v = 0; v < kWide; ++v) acc[o][v] = dot(acc[o][v], from[v], weight);
-    }
-  }
+template <bool whole_range>
+inline void multiply(const std::int32_t* x, const std::int32_t* w, int lanes, std::int32_t* sums) {
+  Sums acc = {};
+  for (int lane = 0; lane < lanes; ++lane, x += kDenseBlock, w += kTile)
+    multiply_lane<whole_range>(x, w, acc);
   for (int o = 0; o < kTile; ++o) {
     for (int v = 0; v < kWide; ++v) reinterpret_cast<Whole*>(sums + o * kDenseBlock)[v] = acc[o][v];
   }
 }
 
-/// One vector of sums, requantized but for the activation.
-inline Bytes narrow(Whole sum, float multiplier, int zero) {
-  constexpr float kRound = 12582912;  // adding 1.5 * 2^23 rounds, to even, to a whole number
-  const float low = static_cast<float>(-128 - zero), high = static_cast<float>(127 - zero);
-  Real value = __builtin_convertvector(sum, Real) * multiplier;
-  value = value < low ? Real{} + low : value;
-  value = value > high ? Real{} + high : value;
-  return __builtin_convertvector(reinterpret_cast<Whole>(value + kRound) - 0x4B400000 + zero, Bytes);
-}
-
-/// The activation of kDenseBlock values.
-inline void look_up(std::int8_t* values, const std::int8_t* lut) {
-#if defined(__AVX512VBMI__)
-  const __m512i index = _mm512_xor_si512(_mm512_loadu_si512(values), _mm512_set1_epi8(-128));
-  const auto table = [&](int part) { return _mm512_loadu_si512(lut + 64 * part); };
-  const __m512i low = _mm512_permutex2var_epi8(table(0), index, table(1));
-  const __m512i high = _mm512_permutex2var_epi8(table(2), index, table(3));
-  _mm512_storeu_si512(values, _mm512_mask_blend_epi8(_mm512_movepi8_mask(index), low, high));
-#else
-  for (int i = 0; i < kDenseBlock; ++i) values[i] = lut[values[i] + 128];
-#endif
-}
-
-void dense(const DenseJob& job) {
-  const int groups = (job.depth + kPerLane - 1) / kPerLane;
-  alignas(64) std::int32_t sums[kTile * kDenseBlock];
+template <bool whole_range>
+void dense_of(const DenseJob& job) {
+  const int lanes = (job.depth + kPerLane - 1) / kPerLane;
+  alignas(64) std::int32_t sums[kTile * kDenseBlock] = {};
   alignas(64) std::int8_t bytes[kDenseBlock] = {};
   for (int first = 0; first < job.columns; first += kDenseBlock) {
     const int count = job.columns - first < kDenseBlock ? job.columns - first : kDenseBlock;
     pack(job, first, count);
     for (int o = 0; o < job.outputs; o += kTile) {
-      const std::int32_t* weights = job.weights + static_cast<std::ptrdiff_t>(o) * groups;
-      for (int x = 0; x < count; x += kWide * kLanes) multiply(job.scratch + x, weights, groups, sums + x);
+      const std::int32_t* weights = job.weights + static_cast<std::ptrdiff_t>(o) * lanes;
+      for (int x = 0; x < count; x += kWide * kLanes)
+        multiply<whole_range>(job.scratch + x, weights, lanes, sums + x);
       for (int t = 0; t < kTile && o + t < job.outputs; ++t) {
-        for (int x = 0; x < count; x += kLanes) {
-          const Whole sum =
-              *reinterpret_cast<const Whole*>(sums + t * kDenseBlock + x) + job.after.bias[o + t];
-          *reinterpret_cast<Bytes*>(bytes + x) = narrow(sum, job.after.multiplier[o + t], job.after.zero);
+        for (int x = 0; x < count; x += 4 * kLanes) {
+          Whole four[4];
+          Bytes narrowed[4];
+          for (int i = 0; i < 4; ++i)
+            four[i] = reinterpret_cast<const Whole*>(sums + t * kDenseBlock + x)[i] + job.after.bias[o + t];
+          narrow(four, job.after.multiplier[o + t], job.after.zero, narrowed);
+          __builtin_memcpy(bytes + x, narrowed, sizeof narrowed);
         }
         if (job.after.lut != nullptr) look_up(bytes, job.after.lut);
         std::int8_t* out = job.out + static_cast<std::ptrdiff_t>(o + t) * job.columns + first;
@@ -143,16 +67,20 @@ void dense(const DenseJob& job) {
   }
 }
 
+void dense(const DenseJob& job) {
+  if (kAddsIn16Bits && job.whole_range) {
+    dense_of<kAddsIn16Bits>(job);
+  } else {
+    dense_of<false>(job);
+  }
+}
+
 /// Values as floats, one after the other.
 inline void widen(const std::int8_t* from, int count, float* to) {
-  const auto at = [&](int i) {
-    const Bytes bytes = *reinterpret_cast<const LooseBytes*>(from + i);
-    *reinterpret_cast<Loose*>(to + i) = __builtin_convertvector(bytes, Real);
-  };
   int i = 0;
-  for (; i + kLanes <= count; i += kLanes) at(i);
-  if (i < count && count >= kLanes) {
-    at(count - kLanes);
+  for (; i + kWidened <= count; i += kWidened) widen_vector(from + i, to + i);
+  if (i < count && count >= kWidened) {
+    widen_vector(from + count - kWidened, to + count - kWidened);
     return;
   }
   for (; i < count; ++i) to[i] = static_cast<float>(from[i]);
@@ -248,10 +176,12 @@ inline void strip(const DepthwiseJob& job, const Offsets& offsets, int channel, 
     } else {
       sum_any(job, offsets, weights, left + x, sums);
     }
-    for (int r = 0; r < kDepthwiseRows; ++r) {
-      const Whole sum = __builtin_convertvector(sums[r], Whole) + job.after.bias[channel];
-      *reinterpret_cast<Bytes*>(out + r * columns + x) = narrow(sum, multiplier, job.after.zero);
-    }
+    Whole whole[kDepthwiseRows];
+    Bytes narrowed[kDepthwiseRows];
+    for (int r = 0; r < kDepthwiseRows; ++r)
+      whole[r] = __builtin_convertvector(sums[r], Whole) + job.after.bias[channel];
+    narrow(whole, multiplier, job.after.zero, narrowed);
+    for (int r = 0; r < kDepthwiseRows; ++r) *reinterpret_cast<Bytes*>(out + r * columns + x) = narrowed[r];
   }
 }
 
@@ -397,6 +327,6 @@ void depthwise(const DepthwiseJob& job) {
 
 }  // namespace
 
-const Int8Kernels kernels{STILLMAP_ISA_NAME, kPerLane, kTile, kPerLane == 4 ? 128 : 0, dense, depthwise};
+const Int8Kernels kernels{STILLMAP_ISA_NAME, kPerLane, kTile, kInputOffset, dense, depthwise};
 
 }  // namespace stillmap::STILLMAP_ISA

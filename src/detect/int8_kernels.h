@@ -19,6 +19,7 @@ struct DenseJob {
   const std::int8_t* in;  ///< `depth` rows of `columns`, one after the other
   int depth, columns, outputs;
   const std::int32_t* weights;  ///< [output / tile][depth / channels_per_lane][tile]
+  bool whole_range;             ///< a weight of -128 is among them
   Requantize after;
   std::int8_t* out;       ///< `outputs` rows of `columns`, one after the other
   std::int32_t* scratch;  ///< kDenseBlock for every channels_per_lane of depth, 64-byte aligned
@@ -63,6 +64,11 @@ namespace isa_avx2 {
 extern const Int8Kernels kernels;
 }
 namespace isa_avx512 {
+extern const Int8Kernels kernels;
+}
+#endif
+#ifdef __aarch64__
+namespace isa_dotprod {
 extern const Int8Kernels kernels;
 }
 #endif
