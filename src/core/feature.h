@@ -5,6 +5,10 @@
 #include <bit>
 #include <cstdint>
 
+#ifdef __ARM_NEON
+#include <arm_neon.h>
+#endif
+
 #include "core/dynamic_mask.h"
 #include "core/geometry.h"
 
@@ -14,10 +18,25 @@ namespace stillmap {
 struct Descriptor {
   std::array<std::uint64_t, 4> bits{};
 };
+/// How many bits differ.
 inline int hamming(const Descriptor& a, const Descriptor& b) {
+#ifdef __ARM_NEON
+  // ARM counts bits in vectors only; compilers take each word there and back.
+  const auto differing = [&](std::size_t i) {
+    return vcntq_u8(vreinterpretq_u8_u64(veorq_u64(vld1q_u64(&a.bits[i]), vld1q_u64(&b.bits[i]))));
+  };
+  const uint8x16_t counts = vaddq_u8(differing(0), differing(2));
+#ifdef __aarch64__
+  return vaddlvq_u8(counts);
+#else
+  const uint64x2_t halves = vpaddlq_u32(vpaddlq_u16(vpaddlq_u8(counts)));
+  return static_cast<int>(vgetq_lane_u64(halves, 0) + vgetq_lane_u64(halves, 1));
+#endif
+#else
   int distance = 0;
   for (std::size_t i = 0; i < 4; ++i) distance += std::popcount(a.bits[i] ^ b.bits[i]);
   return distance;
+#endif
 }
 
 /// A corner of one frame.

@@ -31,8 +31,13 @@ constexpr std::array<std::array<int, 2>, 16> kCircle{{{0, -3},
                                                       {-1, -3}}};
 using Offsets = std::array<std::ptrdiff_t, 16>;
 
-// Thirty-two pixels at once, portably: compilers turn this into AVX2, pairs of SSE, or pairs of NEON.
+// Many pixels at once, portably: compilers turn 32 into AVX2 or pairs of SSE, but on ARM compare those one by
+// one.
+#ifdef __ARM_NEON
+constexpr int kLanes = 16;
+#else
 constexpr int kLanes = 32;
+#endif
 using U8 = std::uint8_t __attribute__((vector_size(kLanes)));
 
 [[gnu::always_inline]] inline U8 load(const std::uint8_t* p) {
@@ -54,8 +59,9 @@ using Words = std::array<std::uint64_t, kLanes / 8>;
   return words;
 }
 [[gnu::always_inline]] inline bool any(U8 v) {
-  const Words w = words_of(v);
-  return (w[0] | w[1] | w[2] | w[3]) != 0;
+  std::uint64_t together = 0;
+  for (const std::uint64_t word : words_of(v)) together |= word;
+  return together != 0;
 }
 
 /// Of every nine in a row around the circle the least difference counts, and of all sixteen rows the largest:
