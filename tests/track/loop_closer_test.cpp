@@ -11,8 +11,8 @@ namespace stillmap {
 namespace {
 
 using test::angle_between;
-using test::Corner;
 using test::corners_before;
+using test::SceneCorner;
 
 TEST(IsConvincing, EveryMeasureHasItsSay) {
   ViewMatch sound;
@@ -44,7 +44,8 @@ class LoopCloserTest : public testing::Test {
   static constexpr std::size_t kKeyframes = 40;
 
   /// A keyframe of the ring at `T_world_camera`, as odometry with `drift` has it.
-  std::size_t add(const Pose& T_world_camera, const std::vector<Corner>& corners, const Pose& drift = {}) {
+  std::size_t add(const Pose& T_world_camera, const std::vector<SceneCorner>& corners,
+                  const Pose& drift = {}) {
     Keyframe& keyframe = map.add_keyframe();
     test::see(config.camera, T_world_camera, corners, keyframe);
     keyframe.T_odom_camera = drift * T_world_camera;
@@ -75,7 +76,7 @@ class LoopCloserTest : public testing::Test {
   PlaceIndex places{arena, kKeyframes, Keyframe::kMaxFeatures};
   LoopCloser closer{arena, config.track, config.camera};
   Random random{9};
-  std::vector<Corner> here = corners_before({}, 500, random);
+  std::vector<SceneCorner> here = corners_before({}, 500, random);
   const Pose kDrift{exp_so3({0.02, -0.05, 0.01}), {0.3, -0.2, 0.1}};
 };
 

@@ -15,8 +15,8 @@ namespace stillmap {
 namespace {
 
 using test::angle_between;
-using test::Corner;
 using test::corners_before;
+using test::SceneCorner;
 
 const Pose kThere{exp_so3({0.05, 0.2, -0.1}), {0.4, -0.1, 0.2}};
 
@@ -28,7 +28,7 @@ class ViewMatcherTest : public testing::Test {
     return m && LoopCloser::is_convincing(*m);
   }
   /// Both keyframes see the same corners, b from the world's origin and a from kThere.
-  void see_the_same(const std::vector<Corner>& corners) {
+  void see_the_same(const std::vector<SceneCorner>& corners) {
     test::see(config.camera, {}, corners, *b);
     test::see(config.camera, kThere, corners, *a);
   }
@@ -92,7 +92,7 @@ TEST_F(ViewMatcherTest, AnotherPlaceIsNoMatch) {
 /// Wallpaper: the same marks at equal distances, so that any of a thousand shifts fits as well.
 TEST_F(ViewMatcherTest, RepeatedTextureIsNoMatch) {
   const Descriptor mark = test::random_descriptor(random), other_mark = test::random_descriptor(random);
-  std::vector<Corner> wall;
+  std::vector<SceneCorner> wall;
   for (int x = -15; x <= 15; ++x) {
     for (int y = -12; y <= 12; ++y)
       wall.push_back({{0.1 * x, 0.1 * y, 2}, (x + y) % 2 == 0 ? mark : other_mark});
@@ -109,7 +109,7 @@ TEST_F(ViewMatcherTest, RepeatedTextureIsNoMatch) {
 
 /// The same poster hangs in two rooms: its corners fit perfectly, and nothing around them does.
 TEST_F(ViewMatcherTest, AThingThatIsInTwoPlacesIsNoMatch) {
-  std::vector<Corner> poster;
+  std::vector<SceneCorner> poster;
   for (int i = 0; i < 120; ++i)
     poster.push_back({{0.5 * random.uniform(), 0.4 * random.uniform(), 2}, test::random_descriptor(random)});
   for (Keyframe* keyframe : {a.get(), b.get()}) {
@@ -143,7 +143,7 @@ TEST_F(ViewMatcherTest, NothingFromNothing) {
   see_the_same(corners_before({}, 5, random));
   EXPECT_FALSE(match()) << "too few";
   const auto one = corners_before({}, 1, random);
-  see_the_same(std::vector<Corner>(200, one[0]));
+  see_the_same(std::vector<SceneCorner>(200, one[0]));
   EXPECT_FALSE(match()) << "all in one place";
 }
 
