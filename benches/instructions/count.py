@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Counts the instructions of each stage per frame, on processors that need not be there (QEMU's user emulation).
 
-    count.py --source tum:DIR --config FILE [--set KEY=VALUE ...] [--duration S] x86_64|aarch64|armhf ...
+    count.py --source tum:DIR --config FILE [--set KEY=VALUE ...] [--duration S] x86_64|aarch64|a76|armhf ...
 
 For each processor the program of its build (build/release, build/aarch64, build/armhf) replays the log in lockstep. Counts
 are of what is executed and do not depend on how busy this machine is. The first frame, which finds an empty map, is counted
