@@ -45,7 +45,7 @@ constexpr int kWidest = 1280;  // picture
 /// levels differ by less than a factor of two.
 struct Eight {
   int first;       // source column that `pick` counts from
-  U8x16 picked;    // their left neighbours, then their right ones
+  U8x16 picked;    // left and right neighbour of each in turn
   U16x8 weight_r;  // in 1/128
 };
 Eight eight_at(int target, double ratio, int source_size) {
@@ -53,8 +53,8 @@ Eight eight_at(int target, double ratio, int source_size) {
   for (int i = 0; i < 8; ++i) {
     const Source source = source_of(target + i, ratio, source_size);
     const auto left = static_cast<std::uint8_t>(source.left - eight.first);
-    eight.picked[i] = left;
-    eight.picked[i + 8] = static_cast<std::uint8_t>(left + 1);
+    eight.picked[2 * i] = left;
+    eight.picked[2 * i + 1] = static_cast<std::uint8_t>(left + 1);
     eight.weight_r[i] = static_cast<std::uint16_t>(source.weight_r);
   }
   return eight;
@@ -64,10 +64,8 @@ Eight eight_at(int target, double ratio, int source_size) {
 [[gnu::always_inline]] inline U8x8 resample_eight(const std::uint8_t* mixed, const Eight& eight) {
   U8x16 around;
   std::memcpy(&around, mixed + eight.first, sizeof around);
-  const U8x16 neighbours = pick(around, eight.picked);
-  std::array<U8x8, 2> side;
-  std::memcpy(side.data(), &neighbours, sizeof neighbours);
-  const U16x8 left = __builtin_convertvector(side[0], U16x8), right = __builtin_convertvector(side[1], U16x8);
+  const auto neighbours = reinterpret_cast<U16x8>(pick(around, eight.picked));
+  const U16x8 left = neighbours & 255, right = neighbours >> 8;
   return __builtin_convertvector((left * (128 - eight.weight_r) + right * eight.weight_r + 64) >> 7, U8x8);
 }
 
@@ -92,7 +90,11 @@ STILLMAP_VECTOR_CLONES void resample(ImageView<const std::uint8_t> from, ImageVi
     std::uint8_t* out = to.row(y);
     for (int x = 0; x < to.width; x += 8) {
       const U8x8 pixels = resample_eight(mixed, eights[static_cast<std::size_t>(x / 8)]);
-      std::memcpy(out + x, &pixels, static_cast<std::size_t>(std::min(8, to.width - x)));
+      if (to.width - x >= 8) {
+        std::memcpy(out + x, &pixels, sizeof pixels);  // of a size that compilers need no call for
+      } else {
+        std::memcpy(out + x, &pixels, static_cast<std::size_t>(to.width - x));
+      }
     }
   }
 }
