@@ -20,6 +20,8 @@ BUILD = HERE.parents[1] / "build"
 # "max" has AVX2, which the runtime and OpenCV take where a processor has it.
 PROCESSORS = {"x86_64": ("release", ["qemu-x86_64", "-cpu", "max"]),
               "aarch64": ("aarch64", ["qemu-aarch64", "-cpu", "cortex-a72", "-L", BUILD / "sysroot/aarch64"]),
+              # As the Raspberry Pi 5 has it, with dot products.
+              "a76": ("aarch64", ["qemu-aarch64", "-cpu", "cortex-a76", "-L", BUILD / "sysroot/aarch64"]),
               "armhf": ("armhf", ["qemu-arm", "-L", BUILD / "sysroot/armhf"])}
 # What lockstep calls in turn; each counts until the next is called.
 STAGES = {"stillmap::Capture::next(": "decode", "stillmap::detect_frame(": "detect", "stillmap::track_frame(": "track",
