@@ -1,21 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <cstdio>
 #include <new>
 #include <string>
 #include <system_error>
 
 #include "app/commands.h"
+#include "core/stderr_text.h"
 #include "runtime/source.h"
 #include "runtime/version.h"
 
 namespace {
 
 /// Errors are one line, whatever stands in the name of a file.
-std::string one_line(std::string text) {
-  for (char& c : text) {
+void say_error(const std::string& words) {
+  std::string line = "stillmap: " + words;
+  for (char& c : line) {
     if (static_cast<unsigned char>(c) < ' ' || c == '\x7f') c = '?';
   }
-  return text;
+  stillmap::write_stderr(line + '\n');
 }
 
 }  // namespace
@@ -38,20 +39,20 @@ int main(int argc, char** argv) {
   } catch (const CLI::ParseError& e) {
     if (e.get_exit_code() == static_cast<int>(CLI::ExitCodes::Success))
       return app.exit(e);  // --help, --version
-    std::fprintf(stderr, "stillmap: %s; see `stillmap --help` and `stillmap COMMAND --help`\n", e.what());
+    say_error(std::string(e.what()) + "; see `stillmap --help` and `stillmap COMMAND --help`");
     return static_cast<int>(stillmap::ExitCode::WrongConfig);
   }
   try {
     const stillmap::Status status = action();
     if (status.ok()) return static_cast<int>(stillmap::ExitCode::Done);
-    std::fprintf(stderr, "stillmap: %s\n", one_line(status.error().message).c_str());
+    say_error(status.error().message);
     return static_cast<int>(status.error().exit_code);
   } catch (const std::system_error& e) {
-    std::fprintf(stderr, "stillmap: no thread could be started (%s); raise the limits of memory and tasks\n",
-                 e.what());
+    say_error(std::string("no thread could be started (") + e.what() +
+              "); raise the limits of memory and tasks");
     return static_cast<int>(stillmap::ExitCode::RunFailed);
   } catch (const std::bad_alloc&) {
-    std::fputs("stillmap: out of memory; `stillmap plan` tells how much a configuration takes\n", stderr);
+    stillmap::write_stderr("stillmap: out of memory; `stillmap plan` tells how much a configuration takes\n");
     return static_cast<int>(stillmap::ExitCode::RunFailed);
   }
 }

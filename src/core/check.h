@@ -1,17 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <cstdio>
-#include <cstdlib>
-
 namespace stillmap {
 
 /// Ends the process on a broken promise of our own code (a bug), never on bad input or a failing world.
 /// A supervisor restarts the runtime, which resumes from its checkpoint.
-[[noreturn]] inline void check_failed(const char* condition, const char* file, int line) {
-  std::fprintf(stderr, "stillmap: bug: %s does not hold (%s:%d)\n", condition, file, line);
-  std::abort();
-}
+[[noreturn]] void check_failed(const char* condition, const char* file, int line);
 
 }  // namespace stillmap
 

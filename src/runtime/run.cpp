@@ -2,7 +2,6 @@
 #include "runtime/run.h"
 
 #include <malloc.h>
-#include <spdlog/sinks/stdout_sinks.h>
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
@@ -21,6 +20,7 @@
 #include "map/ply.h"
 #include "runtime/checkpoint.h"
 #include "runtime/heap_count.h"
+#include "runtime/log_sink.h"
 #include "runtime/memory_lock.h"
 #include "runtime/memory_use.h"
 #include "runtime/output_file.h"
@@ -277,8 +277,7 @@ Status run(const RunOptions& asked) {
   stop_requested.store(false);
   handle_signals();
   mallopt(M_ARENA_MAX, 1);  // the hot threads take nothing from the heap, and an arena never shrinks
-  spdlog::set_default_logger(
-      std::make_shared<spdlog::logger>("stillmap", std::make_shared<spdlog::sinks::stderr_sink_mt>()));
+  log_to_stderr();
   const Result<RunOptions> completed = complete(asked);
   if (!completed.ok()) return completed.error();
   const RunOptions& options = completed.value();
