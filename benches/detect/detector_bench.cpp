@@ -14,7 +14,12 @@ namespace {
 void detector(benchmark::State& state, const std::string& model) {
   auto loaded = load_config(
       std::vector<std::string>{STILLMAP_SOURCE_DIR "/firmware-config/cameras/synthetic.toml"}, {});
-  auto opened = Detector::open(loaded.value().config, model);
+  const Result<ModelFile> file = read_model(model);
+  if (!file.ok()) {
+    state.SkipWithError(file.error().message.c_str());
+    return;
+  }
+  auto opened = Detector::open(loaded.value().config, file.value());
   if (!opened.ok()) {
     state.SkipWithError(opened.error().message.c_str());
     return;

@@ -3,6 +3,7 @@
 
 #include <filesystem>
 #include <span>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -46,7 +47,7 @@ struct Detector::Impl {
         warnings(class_warning(config.classes)),
         format(format_of(config.detector)) {}
 
-  Status load();
+  Status load(std::string_view onnx);
   std::span<const Tensor> outputs();
   std::string size_text() const {
     return std::to_string(letterbox.input_width) + "x" + std::to_string(letterbox.input_height);
@@ -76,14 +77,14 @@ std::span<const Tensor> Detector::Impl::outputs() {
   return tensors;
 }
 
-Status Detector::Impl::load() {
+Status Detector::Impl::load(std::string_view onnx) {
   const auto unusable = [&](const Error& e) {
     if (e.exit_code == ExitCode::RunFailed)
       return Error{e.exit_code, "detector.model: '" + path + "': " + e.message +
                                     "; run with detector.model = \"none\", or give the process more"};
     return refused("is no network that can be run (" + e.message + ")");
   };
-  Result<std::unique_ptr<Network>> opened = open_network(path, letterbox, format);
+  Result<std::unique_ptr<Network>> opened = open_network(onnx, letterbox, format);
   if (!opened.ok()) return unusable(opened.error());
   network = std::move(opened.value());
   const std::vector<Bgr> blank(static_cast<std::size_t>(letterbox.picture_width) *
@@ -107,10 +108,10 @@ Status Detector::Impl::load() {
 Detector::Detector(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 Detector::~Detector() = default;
 
-Result<std::unique_ptr<Detector>> Detector::open(const Config& config, const std::string& model_path) {
-  auto impl = std::make_unique<Impl>(config, model_path);
-  if (Status loaded = impl->load(); !loaded.ok()) return loaded.error();
-  impl->description = std::filesystem::path(model_path).filename().string() + ", " + impl->decoder_name +
+Result<std::unique_ptr<Detector>> Detector::open(const Config& config, const ModelFile& model) {
+  auto impl = std::make_unique<Impl>(config, model.path);
+  if (Status loaded = impl->load(model.bytes); !loaded.ok()) return loaded.error();
+  impl->description = std::filesystem::path(model.path).filename().string() + ", " + impl->decoder_name +
                       ", " + impl->size_text() + ", " + std::to_string(impl->classes) + " classes, " +
                       impl->network->library();
   return std::unique_ptr<Detector>(new Detector(std::move(impl)));

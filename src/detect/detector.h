@@ -8,6 +8,7 @@
 #include "core/detection.h"
 #include "core/frame_pool.h"
 #include "core/status.h"
+#include "detect/model_file.h"
 
 namespace stillmap {
 
@@ -15,11 +16,11 @@ namespace stillmap {
 /// takes heap memory but OpenCV, where a network runs on that: see open_network().
 class Detector {
  public:
-  /// Loads the network and proves it on one blank picture of the camera's size, which also warms it up.
-  /// Errors: UnreadableInput where the file is no network that can be run, or not what `detector.decoder`
-  /// reads; WrongConfig where the number of classes is not that of `classes.names`; RunFailed where there is
-  /// no memory for it.
-  static Result<std::unique_ptr<Detector>> open(const Config& config, const std::string& model_path);
+  /// Loads the network from the model's bytes, which are not needed afterwards, and proves it on one blank
+  /// picture of the camera's size, which also warms it up. Errors: UnreadableInput where the file is no
+  /// network that can be run, or not what `detector.decoder` reads; WrongConfig where the number of classes
+  /// is not that of `classes.names`; RunFailed where there is no memory for it.
+  static Result<std::unique_ptr<Detector>> open(const Config& config, const ModelFile& model);
   ~Detector();
 
   /// The objects of `frame.colour`, which has the camera's size (checked), with the frame's sequence number

@@ -7,6 +7,7 @@
 #include <array>
 #include <cctype>
 #include <cerrno>
+#include <cstdint>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
@@ -89,27 +90,6 @@ std::string hexadecimal(std::span<const unsigned char> bytes) {
   return hex;
 }
 
-Result<std::string> sha256_of_file(const std::string& path) {
-  std::error_code error;
-  if (fs::is_directory(path, error)) return unreadable(path, "is a folder, not an ONNX file");
-  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(std::fopen(path.c_str(), "rb"), std::fclose);
-  if (file == nullptr) return unreadable(path, std::string("cannot be read (") + std::strerror(errno) + ")");
-  const std::unique_ptr<EVP_MD_CTX, void (*)(EVP_MD_CTX*)> digest(EVP_MD_CTX_new(), EVP_MD_CTX_free);
-  bool good = digest != nullptr && EVP_DigestInit_ex(digest.get(), EVP_sha256(), nullptr) == 1;
-  std::array<unsigned char, 65536> chunk;
-  while (good) {
-    const std::size_t count = std::fread(chunk.data(), 1, chunk.size(), file.get());
-    if (count == 0) break;
-    good = EVP_DigestUpdate(digest.get(), chunk.data(), count) == 1;
-  }
-  std::array<unsigned char, EVP_MAX_MD_SIZE> sum;
-  unsigned int length = 0;
-  if (!good || std::ferror(file.get()) != 0 || EVP_DigestFinal_ex(digest.get(), sum.data(), &length) != 1) {
-    return unreadable(path, "cannot be read to its end");
-  }
-  return hexadecimal({sum.data(), length});
-}
-
 /// Lower case; empty where `text` is no SHA-256.
 std::string canonical(std::string text) {
   const auto is_hex = [](unsigned char c) { return std::isxdigit(c) != 0; };
@@ -140,6 +120,21 @@ Result<LoadedConfig> load_config_of_model(std::span<const std::string> files,
   return loaded;
 }
 
+Result<ModelFile> read_model(const std::string& path) {
+  std::error_code error;
+  if (fs::is_directory(path, error)) return unreadable(path, "is a folder, not an ONNX file");
+  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(std::fopen(path.c_str(), "rb"), std::fclose);
+  if (file == nullptr) return unreadable(path, std::string("cannot be read (") + std::strerror(errno) + ")");
+  ModelFile model{.path = path, .bytes = {}, .sha256 = {}, .warning = {}};
+  if (const std::uintmax_t size = fs::file_size(path, error); !error) model.bytes.reserve(size);
+  std::array<char, 65536> chunk;
+  while (const std::size_t count = std::fread(chunk.data(), 1, chunk.size(), file.get()))
+    model.bytes.append(chunk.data(), count);
+  if (std::ferror(file.get()) != 0) return unreadable(path, "cannot be read to its end");
+  model.sha256 = sha256_of(model.bytes);
+  return model;
+}
+
 Result<ModelFile> find_model(const Config::Detector& detector) {
   if (detector.model == "none") return ModelFile{};
   const std::string expected = canonical(detector.sha256);
@@ -161,15 +156,14 @@ Result<ModelFile> find_model(const Config::Detector& detector) {
   } else {
     model.path = detector.model;
   }
-  Result<std::string> found = sha256_of_file(model.path);
-  if (!found.ok()) return found.error();
-  model.sha256 = found.value();
+  Result<ModelFile> read = read_model(model.path);
+  if (!read.ok()) return read;
   const std::string wanted = expected.empty() && is_auto ? kDefaultModelSha256 : expected;
-  if (!wanted.empty() && wanted != model.sha256) {
+  if (!wanted.empty() && wanted != read.value().sha256) {
     return unreadable(model.path, "is not the expected file: SHA-256 (detector.sha256) expected " + wanted +
-                                      ", found " + model.sha256);
+                                      ", found " + read.value().sha256);
   }
-  return model;
+  return read;
 }
 
 std::string sha256_of(std::string_view bytes) {

@@ -3,9 +3,7 @@
 
 #include <dlfcn.h>
 
-#include <fstream>
-#include <iterator>
-#include <vector>
+#include <span>
 
 #include "detect/int8_network.h"
 #include "detect/onnx_file.h"
@@ -14,15 +12,7 @@ namespace stillmap {
 
 namespace {
 
-std::vector<std::byte> read_bytes(const std::string& path) {
-  std::ifstream file(path, std::ios::binary | std::ios::ate);
-  std::vector<std::byte> bytes(file ? static_cast<std::size_t>(file.tellg()) : 0);
-  file.seekg(0);
-  file.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
-  return bytes;
-}
-
-Result<std::unique_ptr<Network>> open_on_module(const std::string& path, const Letterbox& letterbox,
+Result<std::unique_ptr<Network>> open_on_module(std::string_view onnx, const Letterbox& letterbox,
                                                 const InputFormat& format) {
   constexpr const char* kLibrary = "libstillmap_network_opencv.so";
   void* library = dlopen(kLibrary, RTLD_NOW | RTLD_LOCAL);
@@ -37,21 +27,21 @@ Result<std::unique_ptr<Network>> open_on_module(const std::string& path, const L
   if (entry == nullptr)
     return Error{ExitCode::UnreadableInput, std::string(kLibrary) + " is no module of stillmap"};
   Result<std::unique_ptr<Network>> opened = Error{ExitCode::UnreadableInput, "nothing was opened"};
-  entry(path, letterbox, format, opened);
+  entry(onnx, letterbox, format, opened);
   return opened;
 }
 
 }  // namespace
 
-Result<std::unique_ptr<Network>> open_network(const std::string& path, const Letterbox& letterbox,
+Result<std::unique_ptr<Network>> open_network(std::string_view onnx, const Letterbox& letterbox,
                                               const InputFormat& format) {
   std::string not_ours = "it is no ONNX file";
-  if (const std::optional<OnnxFile> file = read_onnx(read_bytes(path))) {
+  if (const std::optional<OnnxFile> file = read_onnx(std::as_bytes(std::span(onnx)))) {
     Result<std::unique_ptr<Network>> ours = Int8Network::open(*file, letterbox, format);
     if (ours.ok()) return ours;
     not_ours = ours.error().message;
   }
-  Result<std::unique_ptr<Network>> theirs = open_on_module(path, letterbox, format);
+  Result<std::unique_ptr<Network>> theirs = open_on_module(onnx, letterbox, format);
   if (!theirs.ok() && theirs.error().exit_code == ExitCode::UnreadableInput)
     return Error{ExitCode::UnreadableInput, not_ours + "; " + theirs.error().message};
   return theirs;

@@ -6,6 +6,7 @@
 #include <memory>
 #include <span>
 #include <string>
+#include <string_view>
 
 #include "core/image.h"
 #include "core/status.h"
@@ -44,15 +45,15 @@ class Network {
   virtual std::string library() const = 0;
 };
 
-/// Opens an ONNX file: on our own layers where these are all that it is made of, and with OpenCV's module
-/// otherwise, which is loaded for that alone. Errors: what is in the way, in one line.
-Result<std::unique_ptr<Network>> open_network(const std::string& path, const Letterbox& letterbox,
+/// Opens the bytes of an ONNX file: on our own layers where these are all that it is made of, and with
+/// OpenCV's module otherwise, which is loaded for that alone. Errors: what is in the way, in one line.
+Result<std::unique_ptr<Network>> open_network(std::string_view onnx, const Letterbox& letterbox,
                                               const InputFormat& format);
 
 /// The entry of libstillmap_network_opencv.so, which puts what open_network returns into `opened`. Program
 /// and module come from one build.
 constexpr const char* kNetworkModuleEntry = "stillmap_network_module";
-using NetworkModuleEntry = void (*)(const std::string& path, const Letterbox& letterbox,
+using NetworkModuleEntry = void (*)(std::string_view onnx, const Letterbox& letterbox,
                                     const InputFormat& format, Result<std::unique_ptr<Network>>& opened);
 
 }  // namespace stillmap

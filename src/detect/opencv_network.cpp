@@ -119,7 +119,7 @@ class OpencvNetwork final : public Network {
   OpencvNetwork(const Letterbox& letterbox, const InputFormat& format);
 
   /// Errors: what the library says, in one line.
-  Status load(const std::string& path);
+  Status load(std::string_view onnx);
   Status run(ImageView<const Bgr> colour) override;
   std::size_t output_count() const override { return names_.size(); }
   Tensor output(std::size_t i) const override;
@@ -156,7 +156,7 @@ OpencvNetwork::OpencvNetwork(const Letterbox& letterbox, const InputFormat& form
   }
 }
 
-Status OpencvNetwork::load(const std::string& path) {
+Status OpencvNetwork::load(std::string_view onnx) {
   cv::setNumThreads(1);
   // What goes wrong is said once, by us.
   cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
@@ -165,7 +165,7 @@ Status OpencvNetwork::load(const std::string& path) {
     return true;
   }();
   try {
-    net_ = cv::dnn::readNetFromONNX(path);
+    net_ = cv::dnn::readNetFromONNX(onnx.data(), onnx.size());
     net_.setPreferableBackend(cv::dnn::DNN_BACKEND_OPENCV);
     net_.setPreferableTarget(cv::dnn::DNN_TARGET_CPU);
     names_ = net_.getUnconnectedOutLayersNames();
@@ -227,10 +227,10 @@ Tensor OpencvNetwork::output(std::size_t i) const {
 }  // namespace stillmap
 
 extern "C" [[gnu::visibility("default")]] void stillmap_network_module(
-    const std::string& path, const stillmap::Letterbox& letterbox, const stillmap::InputFormat& format,
+    std::string_view onnx, const stillmap::Letterbox& letterbox, const stillmap::InputFormat& format,
     stillmap::Result<std::unique_ptr<stillmap::Network>>& opened) {
   auto network = std::make_unique<stillmap::OpencvNetwork>(letterbox, format);
-  if (const stillmap::Status s = network->load(path); !s.ok()) {
+  if (const stillmap::Status s = network->load(onnx); !s.ok()) {
     opened = s.error();
   } else {
     opened = std::unique_ptr<stillmap::Network>(std::move(network));

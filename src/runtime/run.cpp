@@ -308,9 +308,10 @@ Status run(const RunOptions& asked) {
   if (!model.ok()) return model.error();
   std::unique_ptr<Detector> detector;
   if (!model.value().path.empty()) {
-    Result<std::unique_ptr<Detector>> opened = Detector::open(config, model.value().path);
+    Result<std::unique_ptr<Detector>> opened = Detector::open(config, model.value());
     if (!opened.ok()) return opened.error();
     detector = std::move(opened.value());
+    model.value().bytes = {};
     if (!detector->class_warnings().empty()) spdlog::warn("{}", detector->class_warnings());
   } else if (!model.value().warning.empty()) {
     spdlog::warn("{}", model.value().warning);

@@ -57,9 +57,14 @@ class DetectorTest : public ::testing::Test {
     std::ofstream(folder_ / "net.onnx", std::ios::binary) << bytes;
     return folder_ / "net.onnx";
   }
+  static Result<std::unique_ptr<Detector>> open(const Config& config, const std::string& path) {
+    const Result<ModelFile> model = read_model(path);
+    if (!model.ok()) return model.error();
+    return Detector::open(config, model.value());
+  }
   static void expect_refused(const Config& config, const std::string& path, ExitCode code,
                              const std::string& words) {
-    const auto opened = Detector::open(config, path);
+    const auto opened = open(config, path);
     ASSERT_FALSE(opened.ok());
     EXPECT_EQ(opened.error().exit_code, code);
     EXPECT_THAT(opened.error().message, AllOf(HasSubstr(words), Not(HasSubstr("\n"))));
@@ -90,7 +95,7 @@ Config two_classes(int width = 640, int height = 480) {
 }
 
 TEST_F(DetectorTest, FindsColouredSquaresWhereTheyAre) {
-  const auto opened = Detector::open(two_classes(), write(blue_and_red().bytes()));
+  const auto opened = open(two_classes(), write(blue_and_red().bytes()));
   ASSERT_TRUE(opened.ok()) << opened.error().message;
   Detector& detector = *opened.value();
   EXPECT_THAT(detector.describe(),
@@ -124,7 +129,7 @@ TEST_F(DetectorTest, FindsColouredSquaresWhereTheyAre) {
 }
 
 TEST_F(DetectorTest, ReadsPicturesThatArePartOfWiderRows) {
-  const auto opened = Detector::open(two_classes(), write(blue_and_red().bytes()));
+  const auto opened = open(two_classes(), write(blue_and_red().bytes()));
   ASSERT_TRUE(opened.ok());
   test::Image<Bgr> colour(700, 480);
   for (int y = 160; y < 176; ++y) std::fill_n(colour.view().row(y) + 320, 16, Bgr{255, 0, 0});
@@ -139,7 +144,7 @@ TEST_F(DetectorTest, ReadsPicturesThatArePartOfWiderRows) {
 TEST_F(DetectorTest, WarnsOfClassesThatTheModelDoesNotKnow) {
   Config config = two_classes();
   config.classes.dynamic.push_back("person");
-  const auto opened = Detector::open(config, write(blue_and_red().bytes()));
+  const auto opened = open(config, write(blue_and_red().bytes()));
   ASSERT_TRUE(opened.ok());
   EXPECT_THAT(opened.value()->class_warnings(), HasSubstr("'person'"));
 }
@@ -167,7 +172,7 @@ TEST_F(DetectorTest, RefusesFilesThatAreNoNetwork) {
   expect_refused(config, "/nonexistent/net.onnx", ExitCode::UnreadableInput, "/nonexistent/net.onnx");
   const std::string whole = blue_and_red().bytes();
   for (std::size_t size = 1; size < whole.size(); size += 97) {
-    EXPECT_FALSE(Detector::open(two_classes(), write(whole.substr(0, size))).ok()) << size;
+    EXPECT_FALSE(open(two_classes(), write(whole.substr(0, size))).ok()) << size;
   }
 }
 
@@ -205,7 +210,7 @@ TEST_F(DetectorTest, AManifestTellsWhatTheNetworkIs) {
   ASSERT_TRUE(loaded.ok()) << loaded.error().message;
   const Config& config = loaded.value().config;
   ASSERT_TRUE(find_model(config.detector).ok());
-  const auto opened = Detector::open(config, path);
+  const auto opened = open(config, path);
   ASSERT_TRUE(opened.ok()) << opened.error().message;
   EXPECT_THAT(opened.value()->describe(), AllOf(HasSubstr("yolov8"), HasSubstr("2 classes")));
 
@@ -225,12 +230,24 @@ TEST_F(DetectorTest, AManifestTellsWhatTheNetworkIs) {
   EXPECT_NEAR(found.items[0].box.y1, 260, 0.1);
 }
 
+TEST_F(DetectorTest, RunsWhatWasVerifiedWhateverBecomesOfTheFile) {
+  const std::string bytes = blue_and_red().bytes();
+  Config config = two_classes();
+  config.detector.model = write(bytes);
+  config.detector.sha256 = sha256_of(bytes);
+  const Result<ModelFile> model = find_model(config.detector);
+  ASSERT_TRUE(model.ok()) << model.error().message;
+  write("This is not a network.\n");
+  const auto opened = Detector::open(config, model.value());
+  EXPECT_TRUE(opened.ok()) << opened.error().message;
+}
+
 TEST_F(DetectorTest, RefusesANetworkThatIsNotAsTheManifestSays) {
   const std::string path = write(yolo_of_red().bytes());
   Config config = two_classes();
   config.detector.decoder = "yolov8";
   config.detector.strides = {64};
-  EXPECT_TRUE(Detector::open(config, path).ok());
+  EXPECT_TRUE(open(config, path).ok());
   config.detector.decoder = "yolox";
   expect_refused(config, path, ExitCode::UnreadableInput, "has no output [1, 20, 7], but [1, 6, 20]");
   expect_refused(config, path, ExitCode::UnreadableInput, "say in '" + (folder_ / "net.toml").string() + "'");
@@ -252,7 +269,7 @@ TEST_F(DetectorTest, RefusesATornDownloadOfTheRealNetwork) {
   const std::string bytes{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
   for (const double share : {0.1, 0.5, 0.9, 0.999}) {
     const auto size = static_cast<std::size_t>(share * static_cast<double>(bytes.size()));
-    EXPECT_FALSE(Detector::open(config_of(640, 480), write(bytes.substr(0, size))).ok()) << share;
+    EXPECT_FALSE(open(config_of(640, 480), write(bytes.substr(0, size))).ok()) << share;
   }
 }
 
@@ -266,7 +283,7 @@ TEST_F(DetectorTest, RefusesTheRealNetworkWithTheClassesOfAnother) {
 TEST_F(DetectorTest, RealNetworkCoversTheWalker) {
   STILLMAP_NEEDS_SHARED();
   const Config config = config_of(640, 480);
-  const auto opened = Detector::open(config, real_model());
+  const auto opened = open(config, real_model());
   ASSERT_TRUE(opened.ok()) << opened.error().message;
   const std::filesystem::path folder = test::shared_folder() / "data/fr1_rpy_walkers";
   const std::string stamp = "1305031240.029620";

@@ -12,6 +12,7 @@
 
 #include "core/random.h"
 #include "detect/int8_network.h"
+#include "detect/model_file.h"
 #include "tests/support/read_image.h"
 #include "tests/support/shared_folder.h"
 
@@ -20,17 +21,22 @@ namespace {
 
 const InputFormat kFormat{{103.53f, 116.28f, 123.675f}, {57.375f, 57.12f, 58.395f}};
 
+std::string real_model() {
+  return read_model(test::shared_folder() / "models/nanodet_plus_m/nanodet_plus_m_int8.onnx").value().bytes;
+}
+
 /// The real network's outputs on our layers against those on OpenCV's. Both round alike but for ties, of
 /// which the network has a handful.
 TEST(Network, OnOurLayersAgreesWithOpenCv) {
   STILLMAP_NEEDS_SHARED();
-  const std::string file = test::shared_folder() / "models/nanodet_plus_m/nanodet_plus_m_int8.onnx";
+  const std::string bytes = real_model();
   const test::Image<Bgr> colour =
       test::read_colour(test::shared_folder() / "data/fr1_rpy_walkers/rgb/1305031240.029620.jpg");
-  cv::dnn::Net theirs = cv::dnn::readNetFromONNX(file);  // before ours takes its layers' place
+  cv::dnn::Net theirs =
+      cv::dnn::readNetFromONNX(bytes.data(), bytes.size());  // before ours takes its layers' place
 
   // A picture of the input's shape, so that there are no bars beside it.
-  const auto opened = open_network(file, Letterbox(640, 512, 320, 256), kFormat);
+  const auto opened = open_network(bytes, Letterbox(640, 512, 320, 256), kFormat);
   ASSERT_TRUE(opened.ok()) << opened.error().message;
   Network& ours = *opened.value();
   EXPECT_THAT(ours.library(), ::testing::HasSubstr("8-bit layers"));
@@ -80,11 +86,11 @@ TEST(Network, OnOurLayersAgreesWithOpenCv) {
   }
 }
 
-std::unique_ptr<Network> on_opencv(const std::string& file, const Letterbox& letterbox) {
+std::unique_ptr<Network> on_opencv(std::string_view onnx, const Letterbox& letterbox) {
   void* module = dlopen("libstillmap_network_opencv.so", RTLD_NOW | RTLD_LOCAL);
   EXPECT_NE(module, nullptr) << dlerror();
   Result<std::unique_ptr<Network>> opened = Error{};
-  reinterpret_cast<NetworkModuleEntry>(dlsym(module, kNetworkModuleEntry))(file, letterbox, kFormat, opened);
+  reinterpret_cast<NetworkModuleEntry>(dlsym(module, kNetworkModuleEntry))(onnx, letterbox, kFormat, opened);
   EXPECT_TRUE(opened.ok());
   return std::move(opened.value());
 }
@@ -93,13 +99,13 @@ std::unique_ptr<Network> on_opencv(const std::string& file, const Letterbox& let
 /// other sees the same boxes.
 TEST(Network, OnOurLayersGivesTheBytesOfOpenCvOnOurKernels) {
   STILLMAP_NEEDS_SHARED();
-  const std::string file = test::shared_folder() / "models/nanodet_plus_m/nanodet_plus_m_int8.onnx";
+  const std::string bytes = real_model();
   const auto frames = test::list_rgbd(test::shared_folder() / "data/fr1_rpy_walkers");
   for (const auto& [width, height] : {std::pair{640, 480}, std::pair{540, 360}}) {
     const Letterbox letterbox(width, height, 320, 256);
-    const auto ours = open_network(file, letterbox, kFormat);
+    const auto ours = open_network(bytes, letterbox, kFormat);
     ASSERT_TRUE(ours.ok()) << ours.error().message;
-    const std::unique_ptr<Network> theirs = on_opencv(file, letterbox);
+    const std::unique_ptr<Network> theirs = on_opencv(bytes, letterbox);
     ASSERT_EQ(ours.value()->output_count(), 8u);
     ASSERT_EQ(theirs->output_count(), 8u);
     for (const std::size_t at : {10u, 90u, 170u}) {

@@ -2,11 +2,8 @@
 #pragma once
 
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <atomic>
-#include <filesystem>
-#include <fstream>
 #include <memory>
 #include <numeric>
 #include <string>
@@ -41,11 +38,8 @@ inline std::unique_ptr<Detector> blue_detector(const Config& config) {
   std::vector<float> bins(32, -20.f);
   for (std::size_t side = 0; side < 4; ++side) bins[side * 8 + 1] = 20;
   net.add_output("reg_32", 32, 32, bins, std::vector<float>(96, 0.f));
-  const auto file =
-      std::filesystem::temp_directory_path() / ("stillmap_blue_" + std::to_string(getpid()) + ".onnx");
-  std::ofstream(file, std::ios::binary) << net.bytes();
-  auto opened = Detector::open(config, file);
-  std::filesystem::remove(file);
+  auto opened =
+      Detector::open(config, {.path = "blue.onnx", .bytes = net.bytes(), .sha256 = {}, .warning = {}});
   EXPECT_TRUE(opened.ok()) << opened.error().message;
   return opened.ok() ? std::move(opened.value()) : nullptr;
 }

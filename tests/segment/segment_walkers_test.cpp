@@ -119,8 +119,9 @@ TEST(SegmentWalkers, TrueBoxes) {
 TEST(SegmentWalkers, DetectedBoxes) {
   STILLMAP_NEEDS_SHARED();
   const Config config = kinect();
-  const auto opened =
-      Detector::open(config, test::shared_folder() / "models/nanodet_plus_m/nanodet_plus_m_int8.onnx");
+  const auto model = read_model(test::shared_folder() / "models/nanodet_plus_m/nanodet_plus_m_int8.onnx");
+  ASSERT_TRUE(model.ok()) << model.error().message;
+  const auto opened = Detector::open(config, model.value());
   ASSERT_TRUE(opened.ok()) << opened.error().message;
   const Tally t = over_the_log("detected boxes", config, [&](const Moment& moment) {
     FrameSlot frame;

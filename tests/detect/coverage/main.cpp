@@ -85,7 +85,9 @@ struct Coverage {
 };
 
 int measure(const std::filesystem::path& log, const Config& config) {
-  const auto opened = Detector::open(config, config.detector.model);
+  const auto model = find_model(config.detector);
+  if (!model.ok()) return std::fprintf(stderr, "%s\n", model.error().message.c_str()), 3;
+  const auto opened = Detector::open(config, model.value());
   if (!opened.ok()) return std::fprintf(stderr, "%s\n", opened.error().message.c_str()), 3;
   const auto poses = read_trajectory(log / "groundtruth.txt");
   if (!poses.ok()) return std::fprintf(stderr, "%s\n", poses.error().message.c_str()), 3;

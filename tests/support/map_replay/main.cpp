@@ -82,7 +82,7 @@ Status replay(const std::string& config_path, const std::string& log, const std:
   if (!model.ok()) return model.error();
   std::unique_ptr<Detector> detector;
   if (!model.value().path.empty()) {
-    Result<std::unique_ptr<Detector>> opened = Detector::open(config, model.value().path);
+    Result<std::unique_ptr<Detector>> opened = Detector::open(config, model.value());
     if (!opened.ok()) return opened.error();
     detector = std::move(opened.value());
   }
