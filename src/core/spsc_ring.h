@@ -69,12 +69,14 @@ class SpscRing {
 
  private:
   static constexpr std::size_t kCacheLine = 64;
-  alignas(kCacheLine) std::atomic<std::size_t> head_{0};
-  std::size_t tail_seen_ = 0;
+  /// Where the indices begin: shortly before they wrap, so that every run goes through it.
+  static constexpr std::size_t kBegin = std::size_t{0} - 3 * N;
+  alignas(kCacheLine) std::atomic<std::size_t> head_{kBegin};
+  std::size_t tail_seen_ = kBegin;
   std::atomic<std::uint64_t> high_water_{0};
   std::atomic<std::uint64_t> refused_{0};
-  alignas(kCacheLine) std::atomic<std::size_t> tail_{0};
-  std::size_t head_seen_ = 0;
+  alignas(kCacheLine) std::atomic<std::size_t> tail_{kBegin};
+  std::size_t head_seen_ = kBegin;
   alignas(kCacheLine) std::array<T, N> items_{};
 };
 

@@ -44,6 +44,27 @@ TEST(SpscRing, AFullOneRefusesAndLeavesTheItem) {
   EXPECT_EQ(usage.refused, 1u);
 }
 
+/// The indices wrap after three turns of the ring: the head does so before the tail, at each fill level.
+TEST(SpscRing, IndicesWrapUnnoticedAtEveryFillLevel) {
+  for (std::size_t level = 1; level <= 4; ++level) {
+    SpscRing<int, 4> ring;
+    int pushed = 0, popped = 0;
+    while (ring.size() < level) ASSERT_TRUE(ring.try_push(pushed++));
+    for (int step = 0; step < 20; ++step) {
+      if (level == 4) {
+        ASSERT_FALSE(ring.try_push(-1)) << "step " << step;
+      }
+      ASSERT_EQ(ring.try_pop(), popped++) << "level " << level;
+      ASSERT_EQ(ring.size(), level - 1);
+      ASSERT_TRUE(ring.try_push(pushed++)) << "level " << level << ", step " << step;
+      ASSERT_EQ(ring.size(), level);
+    }
+    while (ring.size() > 0) ASSERT_EQ(ring.try_pop(), popped++);
+    EXPECT_EQ(ring.try_pop(), std::nullopt);
+    EXPECT_EQ(ring.usage("r").high_water, level);
+  }
+}
+
 TEST(SpscRing, APoppedSlotHoldsNothing) {
   SpscRing<std::shared_ptr<int>, 4> ring;
   const auto item = std::make_shared<int>(1);
