@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // LD_PRELOAD for the program under test: a wall clock that jumps by an hour with every look, where
 // STILLMAP_TEST_CLOCK is set; and a disk that is as the first letter of the file $STILLMAP_TEST_DISK says at
-// the moment: s is slow, r has become read-only, anything else is well.
+// the moment: s is slow to write, l is slow to read, r has become read-only, anything else is well.
 #include <dlfcn.h>
 #include <fcntl.h>
 #include <sys/mman.h>
@@ -100,10 +100,17 @@ int openat(int folder, const char* path, int flags, ...) {
 ssize_t write(int file, const void* data, size_t bytes) {
   static const auto real = next<ssize_t (*)(int, const void*, size_t)>("write");
   struct stat facts {};
-  if (disk() != '-' && fstat(file, &facts) == 0 && S_ISREG(facts.st_mode)) {
+  if ((disk() == 's' || disk() == 'r') && fstat(file, &facts) == 0 && S_ISREG(facts.st_mode)) {
     if (refuses(O_WRONLY)) return -1;
     if (disk() == 's') usleep(30'000);
   }
+  return real(file, data, bytes);
+}
+
+ssize_t read(int file, void* data, size_t bytes) {
+  static const auto real = next<ssize_t (*)(int, void*, size_t)>("read");
+  struct stat facts {};
+  if (disk() == 'l' && fstat(file, &facts) == 0 && S_ISREG(facts.st_mode)) usleep(50'000);
   return real(file, data, bytes);
 }
 

@@ -1,15 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """The machine around a run is against it: a wall clock that jumps, a disk that turns read-only or slow, a model that is
-replaced, an address space that is closed. Calls of the C library are answered by hostile_world.cpp."""
+replaced, an address space that is closed, a log that nobody reads. Calls of the C library are answered by hostile_world.cpp."""
 import os
 import resource
 import shutil
 import subprocess
+import sys
 import unittest
 from pathlib import Path
 
 from program import DETECTOR, DONE, MODEL, PROGRAM, RUN_FAILED, run_args, stillmap
 from running import RunningTest
+
+sys.path.insert(0, os.environ["STILLMAP_SOURCE_DIR"] + "/scripts")
+from stream_client import StreamClient  # noqa: E402
 
 WORLD = os.environ["STILLMAP_HOSTILE_WORLD"]
 
@@ -64,6 +68,20 @@ class HostileWorld(RunningTest):
         self.assertEqual(stillmap("map", "info", map_file).returncode, DONE)
         self.assertEqual(list(self.path.glob("*.tmp")), [])
 
+    def test_a_log_on_a_disk_that_turns_slow_costs_time_and_nothing_else(self):
+        disk = self.path / "disk"
+        disk.write_text("-")
+        process = self.start(*self.outputs(), environment={"LD_PRELOAD": WORLD, "STILLMAP_TEST_DISK": str(disk)})
+        for state in "l-l":
+            disk.write_text(state)
+            self.wait_for_frames(8)
+        code, said = self.stop(process)
+        self.assertEqual(code, DONE, said)
+        facts = self.report()
+        frames = facts["frames"]
+        self.assertEqual(frames["offered"], frames["processed"] + sum(frames["dropped"].values()))
+        self.assertEqual(facts["tracking"]["lost"], 0)
+
     def test_a_model_that_is_replaced_is_not_looked_at_again(self):
         model = self.path / "net.onnx"
         shutil.copy(MODEL, model)
@@ -94,6 +112,48 @@ class HostileWorld(RunningTest):
         facts = self.report()
         self.assertEqual(facts["tracking"]["lost"], 0)
         self.assertEqual(facts["frames"]["dropped"].get("no_free_slot", 0), 0)
+
+    def test_a_reader_of_stderr_that_stops_holds_up_nobody(self):
+        process = self.start("--report", self.path / "r.json", "--map", self.path / "m.ply")
+        os.set_blocking(process.stderr.fileno(), False)
+
+        def fill():
+            pipe = os.open(f"/proc/{process.pid}/fd/2", os.O_WRONLY | os.O_NONBLOCK)
+            self.addCleanup(os.close, pipe)
+            try:
+                while True:
+                    os.write(pipe, b".")
+            except BlockingIOError:
+                pass
+
+        def make_event():
+            client = StreamClient("127.0.0.1", int(self.metrics.split(":")[2].split("/")[0]))
+            client.start()
+            client.socket.close()
+
+        def read():
+            try:
+                return os.read(process.stderr.fileno(), 1 << 20)
+            except BlockingIOError:
+                return b""
+
+        fill()
+        make_event()
+        self.wait_for_frames(40)
+        heard = []
+
+        def heard_of_it():
+            heard.append(read())
+            make_event()
+            return b"messages are missing here: nobody read stderr" in b"".join(heard)
+
+        self.wait_for(heard_of_it)
+        fill()
+        process.terminate()
+        self.assertEqual(process.wait(timeout=60), DONE)
+        facts = self.report()
+        self.assertEqual(facts["frames"]["offered"], facts["frames"]["processed"] + sum(facts["frames"]["dropped"].values()))
+        self.assertTrue((self.path / "m.ply").exists())
 
     def test_at_any_limit_it_runs_or_is_refused_in_one_line(self):
         """From where the libraries just load to where it runs, and the last steps to there in more detail."""

@@ -2,6 +2,7 @@
 """A run that goes on in the map of an earlier one."""
 import json
 import re
+import signal
 import subprocess
 import time
 import unittest
@@ -52,19 +53,23 @@ class Resume(ProgramTest):
         self.assertLess(more, 1.1 * blocks)
         self.assertGreater(int(re.search(r"keyframes +(\d+) with", before).group(1)), 2)
 
-    def test_a_killed_runs_checkpoint_is_enough(self):
-        file, report = self.path / "c.stillmap", self.path / "r.json"
-        args = run_args("--map", file, "--set", "map.checkpoint_s=0.5", log=endless_log(self.path / "log"))
-        process = subprocess.Popen([PROGRAM, *args], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        end = time.monotonic() + 60
-        while not file.exists() and time.monotonic() < end:
-            time.sleep(0.05)
-        process.kill()
-        process.wait()
-        result = stillmap(*run_args("--mode", "lockstep", "--resume", file, "--report", report))
-        self.assertEqual(result.returncode, DONE, result.stderr)
-        tracking = json.loads(report.read_text())["tracking"]
-        self.assertEqual((tracking["relocalized"], tracking["lost"]), (1, 0))
+    def test_a_killed_or_aborted_runs_checkpoint_is_enough(self):
+        report, recorder = self.path / "r.json", self.path / "flight.jsonl"
+        log = endless_log(self.path / "log")
+        for number in (signal.SIGKILL, signal.SIGABRT):
+            file = self.path / f"{number.name}.stillmap"
+            args = run_args("--map", file, "--resume", file, "--set", "map.checkpoint_s=0.5", "--set", f"runtime.flight_recorder={recorder}", log=log)
+            process = subprocess.Popen([PROGRAM, *args], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+            end = time.monotonic() + 60
+            while not file.exists() and time.monotonic() < end:
+                time.sleep(0.05)
+            process.send_signal(number)
+            self.assertEqual(process.wait(), -number)
+            self.assertEqual(recorder.exists(), number == signal.SIGABRT)
+            result = stillmap(*run_args("--mode", "lockstep", "--resume", file, "--map", file, "--report", report))
+            self.assertEqual(result.returncode, DONE, result.stderr)
+            tracking = json.loads(report.read_text())["tracking"]
+            self.assertEqual((tracking["relocalized"], tracking["lost"]), (1, 0))
 
     def test_begins_its_own_map_where_there_is_none(self):
         own, other = self.path / "own.stillmap", self.path / "none.stillmap"
