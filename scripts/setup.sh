@@ -39,7 +39,7 @@ case "$*" in
   "") ;;
   --arm) packages+=("${arm[@]}") ;;
   --tests|--full)
-    [ "$*" = --tests ] || packages+=("${arm[@]}" lintian debootstrap systemd clang-14 libclang-rt-14-dev
+    [ "$*" = --tests ] || packages+=("${arm[@]}" lintian debootstrap systemd clang-14 libclang-rt-14-dev cppcheck
       # A virtual ARM board, and what makes its disk.
       qemu-system-arm busybox-static e2fsprogs)
     packages+=(clang-format clang-tidy shellcheck openssl python3-scipy)

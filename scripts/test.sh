@@ -80,6 +80,12 @@ check_tidy() {
   return "${PIPESTATUS[0]}"
 }
 
+# Views of pictures and vectors of three numbers are passed by value on purpose: they travel in registers.
+check_cppcheck() {
+  cppcheck -q --error-exitcode=1 -j "$(nproc)" --std=c++20 --enable=warning,performance,portability --inline-suppr \
+    --suppress=passedByValue -Isrc -I. src drivers
+}
+
 # What is of configuration Full takes minutes. One more at once than there are cores: some mostly wait, for a second to pass
 # or for a client.
 run_ctest() { # PRESET OPTION...
@@ -113,8 +119,9 @@ step "clang-tidy" check_tidy
 step "build with thread sanitizer" build tsan "${tsan_programs[@]}" &&
   step "tests with thread sanitizer" run_ctest tsan "${tsan_tests[@]}"
 
-# Ten minutes a target; ARM under emulation, and the packages: minutes each.
+# Minutes each: fuzzing (ten a target), ARM under emulation, and the packages.
 if [ "$full" = yes ]; then
+  step "cppcheck" check_cppcheck
   step "fuzzing" scripts/fuzz.sh 600
   for arm in aarch64 armhf; do
     step "libraries of $arm" toolchains/sysroot.sh "$arm" && step "build $arm" build "$arm" all &&

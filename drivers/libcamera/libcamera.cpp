@@ -102,7 +102,7 @@ class LibcameraStream : public PictureStream {
  public:
   explicit LibcameraStream(CameraRequest request) : request_(std::move(request)) {}
   ~LibcameraStream() override {
-    stop();
+    LibcameraStream::stop();
     buffers_.clear();
     requests_.clear();
     if (camera_ != nullptr) {

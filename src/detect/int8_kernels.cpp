@@ -151,6 +151,7 @@ inline void sum_square(const Real* weights, const float* corner, std::ptrdiff_t 
 #pragma GCC unroll 4
       for (int r = 0; r < kDepthwiseRows; ++r) {
         const int ky = row - r * kStep;
+        // cppcheck-suppress incorrectLogicOperator ; it tries a kSize of 0, for which strip() takes sum_any
         if (ky >= 0 && ky < kSize) acc[r] += weights[ky * kSize + kx] * value;
       }
     }

@@ -234,34 +234,34 @@ Chunk ClientSession::next_notice(std::span<std::uint8_t> out) {
   const Notice notice = notices_[0];
   std::copy(notices_.begin() + 1, notices_.end(), notices_.begin());
   notices_.truncate(notices_.size() - 1);
-  const char* format = "";
+  char message[160], text[256];
+  const auto say = [&](const char* words) { std::snprintf(message, sizeof(message), "%s", words); };
   switch (notice.complaint) {
     case Complaint::Malformed:
-      format =
-          "not a message of the Foxglove WebSocket protocol: send a JSON object with op and whole-numbered "
-          "ids";
+      say("not a message of the Foxglove WebSocket protocol: send a JSON object with op and whole-numbered "
+          "ids");
       break;
     case Complaint::TooLarge:
-      format = "message too large: send at most 4096 bytes";
+      say("message too large: send at most 4096 bytes");
       break;
     case Complaint::Unsupported:
-      format = "operation not supported: this server is read-only and takes subscribe and unsubscribe";
+      say("operation not supported: this server is read-only and takes subscribe and unsubscribe");
       break;
     case Complaint::UnknownChannel:
-      format = "there is no channel %u: subscribe to an id that was advertised";
+      std::snprintf(message, sizeof(message),
+                    "there is no channel %u: subscribe to an id that was advertised", notice.id);
       break;
     case Complaint::ChannelTaken:
-      format = "already subscribed to channel %u: unsubscribe first";
+      std::snprintf(message, sizeof(message), "already subscribed to channel %u: unsubscribe first",
+                    notice.id);
       break;
     case Complaint::IdTaken:
-      format = "subscription id %u is in use: choose another";
+      std::snprintf(message, sizeof(message), "subscription id %u is in use: choose another", notice.id);
       break;
     case Complaint::UnknownSubscription:
-      format = "there is no subscription %u";
+      std::snprintf(message, sizeof(message), "there is no subscription %u", notice.id);
       break;
   }
-  char message[160], text[256];
-  std::snprintf(message, sizeof(message), format, notice.id);
   const int length =
       std::snprintf(text, sizeof(text), "{\"op\":\"status\",\"level\":2,\"message\":\"%s\"}", message);
   return write_text({text, static_cast<std::size_t>(length)}, out);
