@@ -10,6 +10,7 @@
 #include <regex>
 
 #include "tests/runtime/pipeline.h"
+#include "tests/runtime/service_manager.h"
 
 namespace stillmap {
 namespace {
@@ -104,6 +105,26 @@ TEST(Health, ADoubtAboutDepthNamesTheKeyToMend) {
   const std::string words = testing::internal::GetCapturedStdout();
   EXPECT_THAT(words, HasSubstr("capture: depth_scale at frame 90: 71 % of the readings lie outside"));
   EXPECT_THAT(words, HasSubstr("camera.depth_units_per_m = 1000 right?"));
+}
+
+TEST(Health, OfAStageThatIsStuckTheServiceManagerHearsNothing) {
+  const test::ServiceManager manager("@stillmap_health_" + std::to_string(getpid()));
+  setenv("WATCHDOG_USEC", "4", 1);
+  auto driver = wall_driver(true, {});
+  Pipeline pipeline(driver, {});
+  Watchdog& watchdog = pipeline.context->watchdog;
+  Health health(*pipeline.context);
+  const std::vector<std::string> alive{"WATCHDOG=1"}, silence;
+  health.tick();
+  EXPECT_EQ(manager.heard(), alive);
+  for (const Stage stage : {Stage::Detect, Stage::Track, Stage::Adjust, Stage::Map, Stage::Stream}) {
+    watchdog.begin(stage, monotonic_now() - 11'000'000'000);
+    health.tick();
+    EXPECT_EQ(manager.heard(), silence) << to_string(stage);
+    watchdog.end(stage);
+    health.tick();
+    EXPECT_EQ(manager.heard(), alive) << to_string(stage);
+  }
 }
 
 TEST(Health, SpeaksOnceASecondAtMost) {

@@ -73,6 +73,7 @@ TEST_F(OutputFile, AFullDiskLeavesTheOldFile) {
   fs::create_symlink("/dev/full", path("a.json.part"));  // where the new text goes first
   expect_refused(write_text(path("a.json"), "new"), "a.json");
   EXPECT_EQ(text_of(path("a.json")), "old");
+  EXPECT_FALSE(fs::is_symlink(path("a.json.part"))) << "half a file is left behind";
 }
 
 TEST_F(OutputFile, DevicesAreWrittenDirectly) {
