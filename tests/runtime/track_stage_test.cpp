@@ -19,11 +19,15 @@ struct TrackStageBench {
         pool(arena, 2, WallScene::kWidth, WallScene::kHeight),
         stage(arena, config) {}
 
-  const TrackingResult& step(int index) {
+  const TrackingResult& step(int index, bool dark = false) {
     frame.reset();
     frame = pool.acquire();
     scene.draw(index, frame.writable());
     FrameSlot& slot = frame.writable();
+    for (int y = 0; dark && y < slot.colour.height; ++y) {
+      std::fill_n(slot.colour.row(y), slot.colour.width, Bgr{});
+      std::fill_n(slot.depth.row(y), slot.depth.width, std::uint16_t{0});
+    }
     slot.sequence = static_cast<std::uint64_t>(index);
     return stage.step(slot);
   }
@@ -101,6 +105,19 @@ TEST(TrackStage, BoxesOfAFrameThatNeverCameSayNothing) {
   ASSERT_TRUE(bench.step(2).has_pose());
   ASSERT_TRUE(bench.step(3).has_pose());
   EXPECT_EQ(bench.stage.box_supply().none, 3u);
+}
+
+TEST(TrackStage, BoxesGoWithThePoseThatTheyWereCarriedBy) {
+  TrackStageBench bench;
+  for (int i = 0; i < 5; ++i) {
+    bench.stage.take_boxes(TrackStageBench::boxes(i));
+    ASSERT_TRUE(bench.step(i).has_pose());
+  }
+  ASSERT_FALSE(bench.step(5, true).has_pose());
+  const auto carried = bench.stage.box_supply().carried;
+  bench.step(6);
+  EXPECT_EQ(bench.stage.box_supply().carried, carried);
+  EXPECT_EQ(bench.stage.box_supply().none, 1u);
 }
 
 TEST(TrackStage, BoxesGrowOldAndGo) {
