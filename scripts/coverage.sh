@@ -1,0 +1,16 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# Which lines and branches of src/ and drivers/ the tests reach: builds with gcov's counters, runs the tests, prints a table.
+#
+#   coverage.sh [CTEST OPTION...]      all tests, or those that the options choose, e.g. -R '^core_test'
+#
+# The table is build/coverage/summary.txt, beside it uncovered.txt: the lines that no test reached.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+
+cmake --preset coverage
+cmake --build --preset coverage
+find build/coverage -name '*.gcda' -delete
+# A test that fails has covered lines nevertheless; that it fails is told by the build without counters.
+ctest --preset coverage --parallel "$(nproc)" --quiet "$@" || echo "coverage.sh: some tests failed; the table counts what they reached" >&2
+scripts/coverage_table.py build/coverage | tee build/coverage/summary.txt
