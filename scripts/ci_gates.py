@@ -10,9 +10,12 @@ Prints a line for each bound and closes with "N passed, N failed". DIR is build/
 import argparse
 import hashlib
 import json
+import os
+import resource
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 from stillmap_runs import ROOT, RunFailed, run_stillmap
@@ -29,20 +32,22 @@ REALTIME_MAX_ATE_M = 0.012
 LOCKSTEP_MIN_COVERAGE = 1.0
 # Measured: 0.071 m without rejection, 26 times as much. A third is far from chance and leaves room for better geometry.
 MAX_ATE_OF_UNREJECTED = 0.33
-# A frame may take 66 ms of two cores at 30 frames a second. Processor time tells on a loaded machine, too.
-MAX_CPU_MS_PER_FRAME = 50.0
+# What two cores have at 30 frames a second; measured: 21 ms. Processor time tells on a loaded machine, too, where it grows by what
+# caches and sibling threads cost.
+MAX_CPU_MS_PER_FRAME = 66.0
 # Camera, tracker and map take no memory after the start, by design.
 HEAPLESS_STAGES = ("capture", "track", "map")
 # On two idle cores no frame drops after the first second. 3 % (4 frames) is what another process' hiccup may cost.
 REALTIME_MAX_DROPPED = 0.03
 # Others' load can only worsen a realtime run, so the best of a few is the one that tells of us.
 REALTIME_ATTEMPTS = 3
-# Below this share of two cores for two busy processes the machine cannot play two cores' realtime, and drops are not judged.
-MIN_SHARE_OF_TWO_CORES = 0.9
+# A run that had less of two cores is not judged by its drops: 3 % of its time can cost as many frames. Two busy processes find
+# what a quota keeps from us; they get a little less than all even where nobody else is.
+MIN_SHARE_IN_RUN, MIN_SHARE_OF_BUSY = 0.97, 0.9
 
 # What may differ between two runs that are the same (the contract's list).
 VOLATILE = [("latency_ms",), ("detector", "latency_ms"), ("cpu_s",), ("cpu_decode_s",), ("wall_s",), ("throughput_fps",),
-            ("start_to_first_pose_ms",), ("memory", "rss_start_kb"), ("memory", "rss_end_kb"), ("memory", "rss_peak_kb"), ("stream",)]
+            ("start_to_first_pose_ms",), ("memory", "rss_start_kb"), ("memory", "rss_end_kb"), ("memory", "rss_peak_kb"), ("memory", "major_faults"), ("stream",)]
 
 
 class Gates:
@@ -86,7 +91,25 @@ def stamps_ms(path):
     return [round(1000 * float(line.split()[0])) for line in lines if line and not line.startswith("#")]
 
 
-def share_of_two_cores():
+def idle_s():
+    """For how long the machine's cores had nothing to do so far, together."""
+    idle, waiting_for_disks = Path("/proc/stat").read_text(encoding="utf-8").split()[4:6]
+    return (int(idle) + int(waiting_for_disks)) / os.sysconf("SC_CLK_TCK")
+
+
+def children_s():
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime
+
+
+def with_share(run):
+    """What `run` returns, and which share of two cores it had or could have had."""
+    begin, before_s = time.monotonic(), idle_s() + children_s()
+    result = run()
+    return result, (idle_s() + children_s() - before_s) / (2 * (time.monotonic() - begin))
+
+
+def share_of_busy():
     """How much of two cores two busy processes get now: 1 on an idle machine."""
     spin = "import time\nend = time.monotonic() + 1\nwhile time.monotonic() < end: pass\nprint(time.process_time())"
     busy = [subprocess.Popen([sys.executable, "-c", spin], stdout=subprocess.PIPE, text=True) for _ in range(2)]
@@ -99,7 +122,7 @@ def gate_lockstep(gates, run, out):
     gates.at_most(accuracy["ate_rmse_m"], LOCKSTEP_MAX_ATE_M, "lockstep: ATE", " m")
     gates.at_least(accuracy["coverage"], LOCKSTEP_MIN_COVERAGE, "lockstep: coverage")
     gates.check(not frames["dropped"] and frames["processed"] == frames["offered"], f"lockstep: no frame dropped ({frames})")
-    gates.at_most(1000 * first["cpu_s"] / frames["processed"], MAX_CPU_MS_PER_FRAME, "lockstep: processor time a frame", " ms")
+    gates.at_most(1000 * min(first["cpu_s"], second["cpu_s"]) / frames["processed"], MAX_CPU_MS_PER_FRAME, "lockstep: processor time a frame", " ms")
     for name in ("trajectory.txt", "map.ply"):
         sums = [hashlib.sha256((out / run_name / name).read_bytes()).hexdigest()[:12] for run_name in ("lockstep-1", "lockstep-2")]
         gates.check(sums[0] == sums[1], f"lockstep: two runs write the same {name} ({' / '.join(sums)})")
@@ -121,24 +144,25 @@ def gate_heap(gates, name, report):
 
 def gate_realtime(gates, run, log, out):
     due = stamps_ms(log / "rgb.txt")[WARM_UP_FRAMES:]
-    attempts, shares = [], []  # (share of frames without a pose, report); shares of two cores that we could have
-    for number in range(1, REALTIME_ATTEMPTS + 1):
-        report = run(f"realtime-{number}", "--mode", "realtime")
-        have = set(stamps_ms(out / f"realtime-{number}" / "trajectory.txt"))
+    attempts = []  # (share of frames without a pose, report)
+    good = had_room = False
+    while not good and len(attempts) < REALTIME_ATTEMPTS:
+        name = f"realtime-{len(attempts) + 1}"
+        report, share = with_share(lambda: run(name, "--mode", "realtime"))
+        have = set(stamps_ms(out / name / "trajectory.txt"))
         attempts.append((sum(stamp not in have for stamp in due) / len(due), report))
-        if attempts[-1][0] <= REALTIME_MAX_DROPPED:
-            break
-        shares.append(share_of_two_cores())
+        good = attempts[-1][0] <= REALTIME_MAX_DROPPED
+        had_room |= good or (share >= MIN_SHARE_IN_RUN and share_of_busy() >= MIN_SHARE_OF_BUSY)
     dropped, report = min(attempts, key=lambda a: a[0])
     frames = report["frames"]
     gates.check(frames["offered"] == frames["processed"] + sum(frames["dropped"].values()), f"realtime: each frame is accounted for ({frames})")
     gate_heap(gates, "realtime", report)
+    if not had_room:
+        gates.skip(f"realtime: {dropped:.1%} of the frames after the first second have no pose; neither this nor the ATE is judged, since "
+                   "others took of our two cores")
+        return
     gates.at_most(report["accuracy"]["ate_rmse_m"], REALTIME_MAX_ATE_M, "realtime: ATE", " m")
-    if dropped > REALTIME_MAX_DROPPED and max(shares) < MIN_SHARE_OF_TWO_CORES:
-        gates.skip(f"realtime: {dropped:.1%} of the frames after the first second have no pose; not judged, since others leave us "
-                   f"{max(shares):.0%} of two cores")
-    else:
-        gates.at_most(100 * dropped, 100 * REALTIME_MAX_DROPPED, "realtime: frames without a pose after the first second", " %")
+    gates.at_most(100 * dropped, 100 * REALTIME_MAX_DROPPED, "realtime: frames without a pose after the first second", " %")
 
 
 def main():

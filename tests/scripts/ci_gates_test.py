@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """ci_gates.py: what it compares and counts, and that each bound that is broken fails, on a program that only pretends."""
 import copy
+import io
 import json
 import os
 import stat
@@ -8,7 +9,9 @@ import subprocess
 import sys
 import tempfile
 import unittest
+from contextlib import redirect_stdout
 from pathlib import Path
+from unittest import mock
 
 SCRIPTS = Path(os.environ["STILLMAP_SCRIPTS"])
 sys.path.insert(0, str(SCRIPTS))
@@ -79,7 +82,7 @@ class CiGatesTest(unittest.TestCase):
             ("lockstep: ATE: 0.007", report("accuracy", "ate_rmse_m", value=0.007)),
             ("lockstep: coverage", report("accuracy", "coverage", value=0.99)),
             ("lockstep: no frame dropped", report("frames", "dropped", value={"corrupt": 1})),
-            ("lockstep: processor time", report("cpu_s", value=10.0)),
+            ("lockstep: processor time", report("cpu_s", value=13.0)),
             ("lockstep: no heap allocation", report("memory", "heap_allocations_after_start", "map", value=1)),
             ("lockstep: ATE over that without", report("accuracy", "ate_rmse_m", value=0.005, names=("off",))),
             ("two runs report the same map.voxels 10 / 11", report("map", "voxels", value=11, names=("lockstep-2",))),
@@ -104,10 +107,34 @@ class CiGatesTest(unittest.TestCase):
         last = words.splitlines()[-2]
         if last.startswith("skipped"):
             self.assertIn("20.0%", last)
+            self.assertRegex(words.splitlines()[-1], r"^11 passed, 0 failed, 1 skipped$")
             self.assertEqual(code, 0)
         else:
             self.assertTrue(last.startswith("FAILED  realtime: frames without a pose after the first second: 20 %"), last)
             self.assertEqual(code, 1)
+
+    def test_a_run_that_shares_its_cores_is_told_from_one_that_has_them(self):
+        # Of two cores in 10 s this run took 8 s; then nobody, or others, had the other 12.
+        with mock.patch.object(ci_gates.time, "monotonic", side_effect=[0, 10] * 2):
+            for others_s, expected in ((0, 1), (5, 0.75)):
+                with mock.patch.object(ci_gates, "children_s", side_effect=[2, 10]), \
+                        mock.patch.object(ci_gates, "idle_s", side_effect=[100, 112 - others_s]):
+                    self.assertEqual(ci_gates.with_share(lambda: "report"), ("report", expected))
+        self.assertGreater(ci_gates.idle_s(), 0)
+
+    def test_drops_are_judged_where_one_run_had_its_cores(self):
+        with tempfile.TemporaryDirectory() as folder:
+            log = Path(folder)
+            (log / "rgb.txt").write_text("".join(f"{i / 30:.6f} rgb/{i}.png\n" for i in range(180)))
+            for attempt, poses in ((1, 100), (2, 120), (3, 90)):
+                (log / f"realtime-{attempt}").mkdir()
+                (log / f"realtime-{attempt}/trajectory.txt").write_text("".join(f"{i / 30:.6f} 0 0 0 0 0 0 1\n" for i in range(poses)))
+            for shares, busy, judged in (((0.5, 0.9, 0.6), 1, False), ((1, 1, 1), 0.5, False), ((0.5, 0.9, 0.99), 0.95, True)):
+                with mock.patch.object(ci_gates, "with_share", side_effect=[(GOOD, share) for share in shares]), \
+                        mock.patch.object(ci_gates, "share_of_busy", return_value=busy), redirect_stdout(io.StringIO()):
+                    gates = ci_gates.Gates()
+                    ci_gates.gate_realtime(gates, None, log, log)
+                self.assertEqual((gates.passed, gates.failed, gates.skipped), (3, 1, 0) if judged else (2, 0, 1))
 
     def test_a_better_attempt_counts(self):
         code, words = self.gates(lambda runs: runs["realtime-1"].update(last_frames_without_pose=30))
@@ -116,6 +143,7 @@ class CiGatesTest(unittest.TestCase):
 
     def test_volatile_keys_are_the_contracts(self):
         other = copy.deepcopy(GOOD)
+        other["memory"]["major_faults"] = 7
         other["cpu_s"], other["memory"]["rss_peak_kb"], other["detector"]["latency_ms"], other["stream"] = 1, 1, {}, {}
         self.assertEqual(ci_gates.differences(ci_gates.stable(GOOD), ci_gates.stable(other)), [])
         other["memory"]["planned_bytes"] = 4
