@@ -115,7 +115,7 @@ void* StageThread::enter(void* self) {
   const int core = on_a_frames_way(thread.role_) ? thread.config_.tracking_core : thread.config_.other_core;
   if (core >= 0) pin_to(core);
   if (thread.role_ == ThreadRole::Detect)
-    setpriority(PRIO_PROCESS, 0, kDetectorNiceness);  // of this thread alone
+    setpriority(PRIO_PROCESS, 0, getpriority(PRIO_PROCESS, 0) + kDetectorNiceness);  // of this thread alone
   if (thread.config_.realtime && on_a_frames_way(thread.role_))
     go_before_all(thread.role_ == ThreadRole::Capture ? kCapturePriority : kTrackPriority);
   if (thread.prefault_) touch_stack();

@@ -54,7 +54,7 @@ TEST(StageThread, HasNameCoreNicenessAndStack) {
     EXPECT_EQ(seen.name, name_of(role));
     const bool pinned = role == ThreadRole::Capture || role == ThreadRole::Track;
     EXPECT_EQ(seen.cores, pinned ? 1 : cores_of_this_process()) << seen.name;
-    EXPECT_EQ(seen.niceness, role == ThreadRole::Detect ? std::min(own + 10, 10) : own) << seen.name;
+    EXPECT_EQ(seen.niceness, role == ThreadRole::Detect ? std::min(own + 10, 19) : own) << seen.name;
     EXPECT_EQ(seen.policy, SCHED_OTHER);
 #if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
     EXPECT_EQ(seen.stack_bytes, 256u << 10) << seen.name;
