@@ -2,12 +2,10 @@
 """Map files: written by a run, looked into, exported, and whole whenever the run is killed."""
 import json
 import re
-import subprocess
-import time
 import unittest
 
-from program import DONE, PROGRAM, UNREADABLE_INPUT, WRONG_CONFIG, ProgramTest, run_args, stillmap
-from signals_test import endless_log
+from program import DONE, UNREADABLE_INPUT, WRONG_CONFIG, ProgramTest, run_args, stillmap
+from running import RunningTest
 
 UP = ["--set", "camera.T_base_camera=[0, 0, 1, -0.5, 0.5, -0.5, 0.5]"]
 
@@ -59,18 +57,15 @@ class MapFiles(ProgramTest):
         self.assertEqual(out.read_text(), "earlier")
         self.assert_error(stillmap("map", "export", file, "--out", "m.obj"), WRONG_CONFIG, ".ply", lines=1)
 
+
+class Killed(RunningTest):
     def test_a_killed_run_leaves_its_last_checkpoint(self):
         file = self.path / "m.stillmap"
-        args = run_args("--map", file, "--set", "map.checkpoint_s=0.3", log=endless_log(self.path / "log"))
-        process = subprocess.Popen([PROGRAM, *args], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        end = time.monotonic() + 60
-        while not file.exists() and time.monotonic() < end:
-            time.sleep(0.05)
+        process = self.start("--map", file, "--set", "map.checkpoint_s=0.3")
+        self.wait_for_mapped(file)
         process.kill()
         process.wait()
-        info = stillmap("map", "info", file)
-        self.assertEqual(info.returncode, DONE, info.stderr)
-        self.assertGreater(int(re.search(r"voxels +(\d+)", info.stdout).group(1)), 0)
+        self.assertTrue(self.has_voxels(file))
 
 
 if __name__ == "__main__":

@@ -51,20 +51,32 @@ class Report(ProgramTest):
                 self.assertIn(type(value), (int,) if kind == COUNT else (int, float), at)
                 self.assertGreaterEqual(value, 0, at)
 
-    def test_realtime_with_detector_and_ground_truth(self):
-        r = self.report("--groundtruth", GROUNDTRUTH, "--mode", "realtime", detector=DETECTOR)
-        self.assert_keys(r, {**KEYS, "accuracy": ACCURACY})
-        self.assertEqual((r["version"], r["mode"], r["source"]), (1, "realtime", f"tum:{LOG}"))
+    def assert_accounted(self, r):
         self.assertEqual(r["frames"]["offered"], FRAMES)
         self.assertEqual(r["frames"]["offered"], r["frames"]["processed"] + sum(r["frames"]["dropped"].values()))
-        self.assertEqual(r["detector"]["model"], str(MODEL))
-        for key in ("config_sha256", "model_sha256"):
-            self.assertRegex(r[key], "^[0-9a-f]{64}$")
         boxes = r["detector"]
         with_boxes = sum(boxes[f"frames_{k}"] for k in ("with_fresh_boxes", "with_carried_boxes", "without_boxes"))
         self.assertEqual(with_boxes, r["frames"]["processed"])
+
+    def test_lockstep_with_detector_and_ground_truth(self):
+        r = self.report("--groundtruth", GROUNDTRUTH, "--mode", "lockstep", detector=DETECTOR)
+        self.assert_keys(r, {**KEYS, "accuracy": ACCURACY})
+        self.assertEqual((r["version"], r["mode"], r["source"]), (1, "lockstep", f"tum:{LOG}"))
+        self.assertEqual(r["detector"]["model"], str(MODEL))
+        for key in ("config_sha256", "model_sha256"):
+            self.assertRegex(r[key], "^[0-9a-f]{64}$")
+        self.assert_accounted(r)
+        self.assertNotIn("note", r["accuracy"])
+
+    def test_realtime_with_detector_and_ground_truth(self):
+        r = self.report("--groundtruth", GROUNDTRUTH, "--mode", "realtime", detector=DETECTOR)
+        self.assert_keys(r, KEYS)
+        self.assertEqual(r["mode"], "realtime")
+        self.assert_accounted(r)
         self.assertGreaterEqual(r["wall_s"], (FRAMES - 1) / 30)
-        self.assertEqual("note" in r["accuracy"], r["accuracy"]["coverage"] < 0.99)
+        # A machine that is busy enough leaves too few poses for an error.
+        accuracy = r.get("accuracy", {"coverage": 1})
+        self.assertEqual("note" in accuracy, accuracy["coverage"] < 0.99)
 
     def test_lockstep_without_either(self):
         r = self.report("--mode", "lockstep")

@@ -3,20 +3,18 @@
 import json
 import re
 import signal
-import subprocess
-import time
 import unittest
 
 import numpy as np
-from program import DONE, LOG, PROGRAM, UNREADABLE_INPUT, WRONG_CONFIG, ProgramTest, run_args, stillmap
-from signals_test import endless_log
+from program import DONE, LOG, NO_DETECTOR, UNREADABLE_INPUT, WRONG_CONFIG, run_args, stillmap
+from running import RunningTest
 
 
 def trajectory(path):
     return {row[0]: row[1:] for row in np.loadtxt(path, ndmin=2)}
 
 
-class Resume(ProgramTest):
+class Resume(RunningTest):
     def setUp(self):
         super().setUp()
         self.map, self.first = self.path / "room.stillmap", self.path / "first.txt"
@@ -55,14 +53,10 @@ class Resume(ProgramTest):
 
     def test_a_killed_or_aborted_runs_checkpoint_is_enough(self):
         report, recorder = self.path / "r.json", self.path / "flight.jsonl"
-        log = endless_log(self.path / "log")
         for number in (signal.SIGKILL, signal.SIGABRT):
             file = self.path / f"{number.name}.stillmap"
-            args = run_args("--map", file, "--resume", file, "--set", "map.checkpoint_s=0.5", "--set", f"runtime.flight_recorder={recorder}", log=log)
-            process = subprocess.Popen([PROGRAM, *args], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-            end = time.monotonic() + 60
-            while not file.exists() and time.monotonic() < end:
-                time.sleep(0.05)
+            process = self.start("--map", file, "--resume", file, "--set", "map.checkpoint_s=0.5", "--set", f"runtime.flight_recorder={recorder}", detector=NO_DETECTOR)
+            self.wait_for_mapped(file)
             process.send_signal(number)
             self.assertEqual(process.wait(), -number)
             self.assertEqual(recorder.exists(), number == signal.SIGABRT)

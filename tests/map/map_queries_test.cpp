@@ -215,7 +215,7 @@ TEST(MapQueriesAcrossThreads, NobodySeesWhatNeverWas) {
     }
   };
   std::thread one(ask, 1), two(ask, 2);
-  for (int i = 0; i < 60 || (seen_occupied == 0 && i < 10'000); ++i) {
+  for (int i = 0; i < 60 || ((seen_free == 0 || seen_occupied == 0) && i < 10'000); ++i) {
     place = 0.1 * i;
     t.see(wall(1.62), {{}, {0.1 * i, 0, 0}});
   }

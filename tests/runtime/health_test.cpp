@@ -133,12 +133,12 @@ TEST(Health, SpeaksOnceASecondAtMost) {
   StreamServer& server = *pipeline.stages->stream;
   ASSERT_TRUE(server.open().ok());
   Health health(*pipeline.context);
+  const Nanoseconds begin = monotonic_now();
   health.tick();
   const std::string first = get(server, "/health");
   pipeline.context->counters.processed.store(5);
-  const Nanoseconds begin = monotonic_now();
   health.tick();
-  if (monotonic_now() - begin < 500'000'000) {
+  if (monotonic_now() - begin < 1'000'000'000) {
     EXPECT_EQ(get(server, "/health"), first);
   }
   std::this_thread::sleep_for(std::chrono::milliseconds(1050));

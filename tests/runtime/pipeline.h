@@ -4,6 +4,9 @@
 #include <gtest/gtest.h>
 
 #include <atomic>
+#include <filesystem>
+#include <fstream>
+#include <functional>
 #include <memory>
 #include <numeric>
 #include <string>
@@ -18,12 +21,16 @@
 
 namespace stillmap::test {
 
-/// A source that shows the wall scene.
-inline ScriptedDriver wall_driver(bool is_log, std::vector<ScriptedDriver::Grab> grabs) {
+/// A source that shows the wall scene, each picture when `wait` returns.
+inline ScriptedDriver wall_driver(
+    bool is_log, std::vector<ScriptedDriver::Grab> grabs, std::function<void()> wait = [] {}) {
   static const WallScene scene;
   return ScriptedDriver(
       {.name = "wall", .width = WallScene::kWidth, .height = WallScene::kHeight, .fps = 30, .is_log = is_log},
-      std::move(grabs), [](int picture, FrameSlot& slot) { scene.draw(picture, slot); });
+      std::move(grabs), [wait = std::move(wait)](int picture, FrameSlot& slot) {
+        wait();
+        scene.draw(picture, slot);
+      });
 }
 inline std::vector<ScriptedDriver::Grab> wall_frames(int count) {
   std::vector<ScriptedDriver::Grab> grabs;
@@ -72,6 +79,10 @@ struct Pipeline {
     std::uint64_t sum = 0;
     for (const auto& count : context->counters.dropped) sum += count.load();
     return sum;
+  }
+  /// Frames that the source has delivered and nobody is done with.
+  std::uint64_t unfinished() const {
+    return context->counters.offered.load() - context->counters.processed.load() - dropped();
   }
   std::uint64_t dropped(DropReason reason) const {
     return context->counters.dropped[static_cast<std::size_t>(reason)].load();

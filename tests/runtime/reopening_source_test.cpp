@@ -111,7 +111,7 @@ TEST(ReopeningSource, ACameraOfAnotherSizeIsNotTakenForIt) {
 TEST(ReopeningSource, GivesUpWhatStaysAway) {
   Plug plug{{{{.stamp_ns = 1}, kLost}, {}}};
   SourceNews news;
-  ReopeningSource source(plug.factory(), {.stall_s = 1, .give_up_s = 0.3}, news);
+  ReopeningSource source(plug.factory(), {.stall_s = 1, .give_up_s = 1}, news);
   ASSERT_TRUE(source.open().ok());
   ASSERT_TRUE(source.start().ok());
   EXPECT_EQ(next_outcome(source), GrabStatus::Frame);
@@ -204,7 +204,7 @@ TEST(ReopeningSource, ARunGoesOnAfterAnInterruptionAndEndsWhenTheCameraIsGoneFor
   after.push_back({.stamp_ns = test::WallScene::stamp_ns(3), .picture = 3});  // its clock jumps back
   after.push_back(kLost);
   static const test::WallScene scene;
-  Plug plug{{before, {}, after, {}},
+  Plug plug{{before, after, {}},
             0,
             {.name = "wall", .width = test::WallScene::kWidth, .height = test::WallScene::kHeight, .fps = 30},
             [](int picture, FrameSlot& slot) { scene.draw(picture, slot); }};

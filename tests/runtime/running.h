@@ -74,4 +74,15 @@ inline void wait_until(const std::function<bool()>& good) {
   while (!good()) std::this_thread::sleep_for(std::chrono::milliseconds(1));
 }
 
+/// A camera of the wall scene that is never too fast: however slow the machine, every good frame is tracked.
+struct PatientCamera {
+  explicit PatientCamera(const std::vector<ScriptedDriver::Grab>& grabs)
+      : driver(wall_driver(false, grabs,
+                           [this] { wait_until([this] { return pipeline->unfinished() == 0; }); })) {}
+  PatientCamera(const PatientCamera&) = delete;
+  PatientCamera& operator=(const PatientCamera&) = delete;
+  ScriptedDriver driver;
+  const Pipeline* pipeline = nullptr;  ///< to be set before it runs
+};
+
 }  // namespace stillmap::test

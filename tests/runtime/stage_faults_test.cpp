@@ -36,18 +36,14 @@ class Slowable {
  private:
   static Config config() {
     Config config = WallScene::config();
-    config.mount.fps = 1;  // only lost frames are late then, on a machine of any speed
+    config.mount.fps = 0.01;  // only lost frames are late then, on a machine of any speed
     config.track.features = 300;
     config.map.fuse_every = 8;
     return config;
   }
-  std::uint64_t unfinished() const {
-    const RunCounters& c = pipeline.context->counters;
-    return c.offered.load() - c.processed.load() - pipeline.dropped();
-  }
   bool stopping() const { return pipeline.stop.load(); }
   void deliver(FrameSlot& slot) {
-    wait_until([this] { return slow_ || stopping() || unfinished() == 0; });
+    wait_until([this] { return slow_ || stopping() || pipeline.unfinished() == 0; });
     const int round = next_++ % 400;
     scene_.draw(round < 200 ? round : 399 - round, slot);
   }

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <gmock/gmock.h>
 
+#include <algorithm>
+#include <array>
 #include <filesystem>
 #include <fstream>
 #include <set>
@@ -14,6 +16,7 @@ namespace {
 
 using test::Gate;
 using test::kStopDeadline_s;
+using test::PatientCamera;
 using test::Pipeline;
 using test::Running;
 using test::wait_until;
@@ -26,8 +29,13 @@ constexpr Nanoseconds kMillisecond = 1'000'000, kHour = 3'600'000'000'000;
 
 TEST(Threads, ALogEndsWithEveryFrameAccounted) {
   for (const bool with_detector : {false, true}) {
-    auto driver = wall_driver(true, wall_frames(45));
+    const RunCounters* counters = nullptr;
+    int decoded = 0;
+    auto driver = wall_driver(true, wall_frames(45), [&] {
+      if (++decoded == 45) wait_until([&] { return !with_detector || counters->detector_runs.load() > 0; });
+    });
     Pipeline pipeline(driver, {}, with_detector);
+    counters = &pipeline.context->counters;
     const Nanoseconds begin = monotonic_now();
     run_threads(*pipeline.context);
     EXPECT_GE(to_seconds(monotonic_now() - begin), 44 / 30.0);  // on the wall clock
@@ -36,7 +44,9 @@ TEST(Threads, ALogEndsWithEveryFrameAccounted) {
     EXPECT_EQ(pipeline.dropped(), pipeline.dropped(DropReason::TrackerBehind));
     EXPECT_TRUE(run_outcome(*pipeline.context).ok());
     EXPECT_EQ(pipeline.context->counters.detector_runs.load() > 0, with_detector);
-    EXPECT_GT(pipeline.stages->map.map().fused_frames(), 0u);
+    if (!with_detector) {  // its frames may all be ones that a busy machine has not tracked
+      EXPECT_GT(pipeline.stages->map.map().fused_frames(), 0u);
+    }
     pipeline.expect_accounted();
   }
 }
@@ -69,14 +79,14 @@ TEST(Threads, StopsWithinAPauseOfTheLog) {
 
 TEST(Threads, ACameraThatStallsAndComesBackLosesNothing) {
   std::vector<Grab> grabs = wall_frames(20);
-  for (Grab& g : grabs) g.takes_ns = 30 * kMillisecond;
   for (int i = 0; i < 3; ++i)
     grabs.insert(grabs.begin() + 10, {.status = GrabStatus::Timeout, .takes_ns = kHour});
-  auto driver = wall_driver(false, grabs);
-  Pipeline pipeline(driver);
+  PatientCamera camera(grabs);
+  Pipeline pipeline(camera.driver);
+  camera.pipeline = &pipeline;
   run_threads(*pipeline.context);
   EXPECT_EQ(pipeline.context->counters.offered.load(), 20u);
-  EXPECT_GE(pipeline.context->track_log.causal.size(), 2u);
+  EXPECT_EQ(pipeline.context->track_log.causal.size(), 20u);
   pipeline.expect_accounted();
 }
 
@@ -110,16 +120,17 @@ TEST(Threads, ALostCameraEndsTheRunAndFailsIt) {
 
 TEST(Threads, DropsRepeatsAndJumpsInTimeAreCounted) {
   std::vector<Grab> grabs = wall_frames(30);
-  for (Grab& g : grabs) g.takes_ns = 20 * kMillisecond;
   grabs[5] = {.status = GrabStatus::Dropped, .reason = DropReason::CorruptDepth};
   grabs[8].stamp_ns = grabs[7].stamp_ns;  // repeated
   grabs[9].stamp_ns = grabs[2].stamp_ns;  // back
   grabs[10].stamp_ns = 0;
   for (std::size_t i = 20; i < grabs.size(); ++i) grabs[i].stamp_ns += kHour;
-  auto driver = wall_driver(false, grabs);
-  Pipeline pipeline(driver);
+  PatientCamera camera(grabs);
+  Pipeline pipeline(camera.driver);
+  camera.pipeline = &pipeline;
   run_threads(*pipeline.context);
   EXPECT_EQ(pipeline.context->counters.offered.load(), 30u);
+  EXPECT_EQ(pipeline.context->counters.processed.load(), 26u);
   EXPECT_EQ(pipeline.dropped(DropReason::CorruptDepth), 1u);
   EXPECT_EQ(pipeline.dropped(DropReason::TimeJump), 3u);
   ASSERT_FALSE(pipeline.context->track_log.causal.empty());
@@ -130,7 +141,12 @@ TEST(Threads, DropsRepeatsAndJumpsInTimeAreCounted) {
 TEST(Threads, ABurstIsThinnedOutNotQueued) {
   auto driver = wall_driver(false, wall_frames(200));  // as fast as they are drawn
   Pipeline pipeline(driver);
-  run_threads(*pipeline.context);
+  Gate gate(*pipeline.context);
+  gate.hold(Stage::Track);
+  Running running(pipeline);
+  wait_until([&] { return pipeline.context->counters.offered.load() >= 50; });
+  gate.release_all();
+  running.thread.join();
   EXPECT_EQ(pipeline.context->counters.offered.load(), 200u);
   EXPECT_GT(pipeline.dropped(DropReason::TrackerBehind), 0u);
   pipeline.expect_accounted();
@@ -241,15 +257,21 @@ TEST(Threads, HaveTheirNames) {
   Pipeline pipeline(driver, {}, true, config);
   ASSERT_TRUE(pipeline.stages->stream->open().ok());
   Running running(pipeline);
-  running.wait_for_frames(2);
   std::multiset<std::string> names;
-  for (const auto& task : std::filesystem::directory_iterator("/proc/self/task")) {
-    std::string name;
-    std::getline(std::ifstream(task.path() / "comm") >> std::ws, name);
-    names.insert(name);
-  }
-  for (const char* expected : {"decode", "capture", "track", "map", "detect", "stream"})
-    EXPECT_EQ(names.count(expected), 1u) << expected;
+  const auto all_are_named = [&] {
+    names.clear();
+    for (const auto& task : std::filesystem::directory_iterator("/proc/self/task")) {
+      std::string name;
+      std::getline(std::ifstream(task.path() / "comm") >> std::ws, name);
+      names.insert(name);
+    }
+    constexpr std::array kNames{"decode", "capture", "track", "adjust", "map", "detect", "stream"};
+    return std::ranges::all_of(kNames, [&](const char* name) { return names.count(name) == 1; });
+  };
+  // A thread takes its name when it first gets a processor.
+  const Nanoseconds begin = monotonic_now();
+  wait_until([&] { return all_are_named() || to_seconds(monotonic_now() - begin) > 60; });
+  EXPECT_TRUE(all_are_named()) << ::testing::PrintToString(names);
   EXPECT_LT(running.stop_s(), kStopDeadline_s);
   pipeline.stages->stream->stop();
 }

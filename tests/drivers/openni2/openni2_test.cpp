@@ -142,9 +142,9 @@ TEST_F(Openni2, DeliversWhatTheCameraShows) {
   int frames = 0, last = -1;
   long heap = 0;
   Nanoseconds stamp_before = 0;
-  for (;;) {
+  for (int silences = 0; silences < (frames < 2 ? 20 : 1);) {  // the camera has shown all
     const GrabResult result = grab(*camera, slot, frames > 0 ? &heap : nullptr);
-    if (result.status == GrabStatus::Timeout) break;   // the camera has shown all
+    silences += result.status == GrabStatus::Timeout;
     if (result.status != GrabStatus::Frame) continue;  // this machine may be too busy for some
     const int n = slot.number();
     EXPECT_GT(n, last);
@@ -218,8 +218,10 @@ TEST_F(Openni2, RefusalsNameTheMend) {
 // The library's recorder leaves out pictures on a busy machine, so what must come back is what the file
 // holds.
 TEST_F(Openni2, ARecordingReplaysWhole) {
-  const std::string file = (folder_.path() / "recording.oni").string();
-  {
+  std::string file;
+  int whole_pairs = 0;
+  for (int tries = 0; tries < 20 && whole_pairs < 2; ++tries) {
+    file = (folder_.path() / ("recording" + std::to_string(tries) + ".oni")).string();
     ASSERT_EQ(openni::OpenNI::initialize(), openni::STATUS_OK);
     openni::Device device;
     ASSERT_EQ(device.open(kCamera), openni::STATUS_OK);
@@ -240,8 +242,8 @@ TEST_F(Openni2, ARecordingReplaysWhole) {
     colour.destroy(), depth.destroy();
     device.close();
     openni::OpenNI::shutdown();
+    whole_pairs = pairs_in(file);
   }
-  const int whole_pairs = pairs_in(file);
   ASSERT_GE(whole_pairs, 2) << "too little was recorded to say anything";
   const auto recording = driver(request(file));
   const Status opened = recording->open();

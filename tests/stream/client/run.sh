@@ -8,7 +8,7 @@ if ! command -v npm >/dev/null; then
   exit 77
 fi
 # Two tests may be here at once; npm is not made for that.
-(flock 9 && { [ -d node_modules/puppeteer-core ] || npm ci --no-audit --no-fund --ignore-scripts; }) 9>.install-lock
+(flock 9 && { [ -d node_modules/puppeteer-core ] || npm ci --fetch-retries 5 --no-audit --no-fund --ignore-scripts; }) 9>.install-lock
 test=$1
 shift
 exec node "$test.mjs" "$@"

@@ -168,10 +168,11 @@ void print_stats(const StreamServer& server) {
   const StreamStats s = server.stats();
   std::printf(
       "{\"clients\":%lu,\"peak\":%lu,\"refused\":%lu,\"given_up\":%lu,\"sent\":%lu,\"dropped\":%lu,"
-      "\"bytes\":%lu,\"bad\":%lu,\"unwelcome\":%lu,\"pictures\":%lu,\"withheld\":%lu,\"allocations\":%lu}\n",
+      "\"bytes\":%lu,\"bad\":%lu,\"unwelcome\":%lu,\"pictures\":%lu,\"withheld\":%lu,\"poses_refused\":%lu,"
+      "\"allocations\":%lu}\n",
       s.clients, s.clients_peak, s.clients_refused, s.clients_given_up, s.messages_sent, s.messages_dropped,
       s.bytes_sent, s.bad_messages, s.clients_unwelcome, s.pictures_sent, s.pictures_withheld,
-      library_allocations.load());
+      s.poses_refused, library_allocations.load());
 }
 
 }  // namespace
