@@ -21,7 +21,7 @@ def limited(limit, value):
 
 class FullDisk(ProgramTest):
     def run_limited(self, limit, value, *args):
-        return subprocess.run([PROGRAM, *args], capture_output=True, text=True, timeout=120, preexec_fn=limited(limit, value))
+        return subprocess.run([PROGRAM, *args], capture_output=True, text=True, timeout=600, preexec_fn=limited(limit, value))
 
     def test_a_map_that_does_not_fit_leaves_the_one_before(self):
         for name in ("m.ply", "m.stillmap"):

@@ -18,7 +18,7 @@ QUIET = ["--listen", "off"]
 DONE, RUN_FAILED, WRONG_CONFIG, UNREADABLE_INPUT = 0, 1, 2, 3
 
 
-def stillmap(*args, timeout=120):
+def stillmap(*args, timeout=600):
     return subprocess.run([PROGRAM, *args], capture_output=True, text=True, timeout=timeout, errors="replace")
 
 

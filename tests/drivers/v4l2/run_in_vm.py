@@ -145,7 +145,7 @@ def main():
     # busy, the emulated timer comes too late for the kernel's check of it.
     result = subprocess.run([*qemu, "-accel", "tcg", "-smp", "2", "-m", "768", "-nographic", "-no-reboot", "-nic", "none",
                              "-kernel", kernel, "-initrd", image, "-append", f"console={console} quiet panic=-1 no_timer_check"],
-                            stdin=subprocess.DEVNULL, capture_output=True, text=True, errors="replace", timeout=880, check=False)
+                            stdin=subprocess.DEVNULL, capture_output=True, text=True, errors="replace", timeout=1100, check=False)
     print(result.stdout, result.stderr)
     ended = re.search(r"test program ended with code (\d+)", result.stdout)
     sys.exit(int(ended[1]) if ended else 1)
