@@ -56,7 +56,7 @@ class Camera(ProgramTest):
         both = live.keys() & replayed.keys()
         self.assertGreaterEqual(len(both), len(live) - report["record"]["left_out"], "a busy machine may leave some out")
         for stamp in both:
-            self.assertLess(math.dist(live[stamp][:3], replayed[stamp][:3]), 0.02, stamp)
+            self.assertLess(math.dist(live[stamp][:3], replayed[stamp][:3]), 0.05, stamp)
 
     def test_without_a_profile_the_lens_is_what_the_camera_tells(self):
         os.environ["STILLMAP_TEST_DEVICE"] = ""
