@@ -216,17 +216,18 @@ inline void widen_vector(const std::int8_t* from, float* to) {
   *reinterpret_cast<Loose*>(to) = __builtin_convertvector(*reinterpret_cast<const LooseBytes*>(from), Real);
 }
 
-/// Four vectors of sums, requantized but for the activation.
-inline void narrow(const Whole (&sums)[4], float multiplier, int zero, Bytes (&out)[4]) {
+/// Sums, requantized but for the activation.
+inline Bytes narrow(Whole sum, float multiplier, int zero) {
   constexpr float kRound = 12582912;  // adding 1.5 * 2^23 rounds, to even, to a whole number
   const float low = static_cast<float>(-128 - zero), high = static_cast<float>(127 - zero);
+  Real value = __builtin_convertvector(sum, Real) * multiplier;
+  value = value < low ? Real{} + low : value;
+  value = value > high ? Real{} + high : value;
+  return __builtin_convertvector(reinterpret_cast<Whole>(value + kRound) - 0x4B400000 + zero, Bytes);
+}
+inline void narrow(const Whole (&sums)[4], float multiplier, int zero, Bytes (&out)[4]) {
 #pragma GCC unroll 4
-  for (int i = 0; i < 4; ++i) {
-    Real value = __builtin_convertvector(sums[i], Real) * multiplier;
-    value = value < low ? Real{} + low : value;
-    value = value > high ? Real{} + high : value;
-    out[i] = __builtin_convertvector(reinterpret_cast<Whole>(value + kRound) - 0x4B400000 + zero, Bytes);
-  }
+  for (int i = 0; i < 4; ++i) out[i] = narrow(sums[i], multiplier, zero);
 }
 
 #endif
