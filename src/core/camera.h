@@ -21,8 +21,8 @@ struct CameraModel {
   /// Axial depth noise (1 sigma) is depth_noise_m_at_1m * z^2 with z in metres, as structured light and
   /// stereo have it (Khoshelham and Elberink, Sensors 12(2), 2012, eq. 10).
   double depth_noise_m_at_1m = 0.0025;
-  /// From the first row's exposure to the last one's; 0: a global shutter, negative: from the bottom up; none:
-  /// unknown.
+  /// From the first row's exposure to the last one's; 0: a global shutter, negative: from the bottom up;
+  /// none: unknown.
   std::optional<double> readout_s{};
   /// How far (1 sigma) a pixel's exposure may be from the colour stamp: rolling shutter, and the clock.
   double stamp_sigma_s = 0.02;

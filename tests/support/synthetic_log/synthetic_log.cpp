@@ -33,6 +33,7 @@ CameraModel SyntheticLog::camera() {
   camera.cx = 319.5;
   camera.cy = 239.5;
   camera.depth_units_per_m = 5000;
+  camera.readout_s = 0;  // rendered at one instant
   return camera;
 }
 
