@@ -41,7 +41,7 @@ Vec3 ReadoutEstimator::moved_per_s(const Feature& f, Vec3 p_camera, Vec3 turn_ra
 void ReadoutEstimator::observe(std::span<const Feature> features, std::span<const FeatureMatch> inliers,
                                Nanoseconds stamp_ns, const Pose& T_odom_camera, Vec3 turn_rad_per_s) {
   if (camera_.readout_s) return;
-  if (!sightings_.empty() && stamp_ns - stamp_ns_ < kApart_ns) return;
+  if (!sightings_.empty() && std::abs(stamp_ns - stamp_ns_) < kApart_ns) return;  // clocks are set back, too
   const double straightened_by = readout_s_;
   if (!sightings_.empty())
     compare(features, inliers, inverse(T_odom_camera_) * T_odom_camera, turn_rad_per_s);

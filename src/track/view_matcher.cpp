@@ -55,8 +55,8 @@ double ViewMatcher::depth_sigma_m(double z_m) const {
   return 2 * camera_.depth_sigma_m(z_m) + 0.01;
 }
 
-/// Descriptors with those of patches of like size in the world: a corner is found again at the
-/// octave that its distance asks for, give or take five.
+/// Descriptors with those of patches of like size in the world: a corner is found again at the octave that
+/// its distance asks for, give or take five.
 void ViewMatcher::compare(const Keyframe& a, const Keyframe& b) {
   std::fill(best_of_a_.begin(), best_of_a_.end(), Best{});
   std::fill(best_of_b_.begin(), best_of_b_.end(), Best{});

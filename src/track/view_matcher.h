@@ -38,8 +38,7 @@ class ViewMatcher {
  public:
   ViewMatcher(Arena& arena, const Config::Track& config, const CameraModel& camera);
 
-  /// The motion that the descriptors speak for, if any; whether to believe it is the caller's choice. Some 30
-  /// million instructions.
+  /// The motion that the descriptors speak for, if any; whether to believe it is the caller's choice.
   std::optional<ViewMatch> match(const Keyframe& a, const Keyframe& b, Random random);
 
  private:

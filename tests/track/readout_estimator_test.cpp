@@ -83,6 +83,13 @@ TEST_F(ReadoutEstimatorTest, FramesAreNotComparedOverALoss) {
   EXPECT_EQ(estimator.readout_s(), before);
 }
 
+TEST_F(ReadoutEstimatorTest, AClockThatIsSetBackDoesNotEndTheLearning) {
+  shake(0.02, 10);
+  frame -= 100'000;  // nearly an hour
+  shake(0.02, 60);
+  EXPECT_NEAR(estimator.readout_s(), 0.02, 0.001);
+}
+
 struct MeasuredTest : ReadoutEstimatorTest {
   MeasuredTest() : ReadoutEstimatorTest(measured()) {}
   static CameraModel measured() {
