@@ -44,7 +44,7 @@ class ReadoutEstimator {
   Vec3 moved_per_s(const Feature& feature, Vec3 p_camera, Vec3 turn_rad_per_s) const;
 
   CameraModel camera_;
-  std::span<std::int32_t> sighting_of_slot_;  // -1: none
+  std::span<std::int32_t> sighting_of_slot_;  // may be outdated: the sighting says its slot
   ArenaVector<Sighting> sightings_;           // of the frame that later ones are compared with
   Nanoseconds stamp_ns_ = 0;
   Pose T_odom_camera_;

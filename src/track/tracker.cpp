@@ -132,7 +132,8 @@ const TrackingResult& Tracker::track(const FrameSlot& slot, const DynamicMask& m
   if (const double seconds = seconds_since_pose(slot);
       history_size_ > 0 && seconds > 0 && seconds <= kSteady_s) {
     turn_rad_per_s = (1 / seconds) * log_so3((inverse(history_[0].T_odom_camera) * aligned_).R);
-    straighten_rows(config_.camera, readout_.readout_s() * *turn_rad_per_s, frame_.features);
+    if (readout_.readout_s() != 0)
+      straighten_rows(config_.camera, readout_.readout_s() * *turn_rad_per_s, frame_.features);
   }
   grid_.build(frame_);
   std::fill(matches_.begin(), matches_.end(), FeatureMatch{});
