@@ -20,7 +20,7 @@ using U16x8 = std::uint16_t __attribute__((vector_size(16)));
 /// Byte which[i] of `from` for every i: one instruction of SSSE3 or NEON.
 [[gnu::always_inline]] inline U8x16 pick(U8x16 from, U8x16 which) {
 #if defined(__clang__)
-  U8x16 out;
+  U8x16 out{};
   for (int i = 0; i < 16; ++i) out[i] = from[which[i]];
   return out;
 #else
