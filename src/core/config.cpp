@@ -127,6 +127,8 @@ std::vector<Key> describe(Config& c) {
        1e-3, 1000},
       {"detector.pad", &c.detector.pad, "grey levels", "of the bars beside the picture", 0, 255},
       {"detector.score_threshold", &c.detector.score_threshold, "", "weaker detections are dropped", 0.01, 1},
+      {"detector.confirm_score", &c.detector.confirm_score, "",
+       "an object counts while its scores, fading by 0.7 from look to look, sum up to this", 0.01, 3},
       {"detector.nms_iou", &c.detector.nms_iou, "", "overlap above which the weaker box of a class goes",
        0.05, 1},
       {"detector.max_age_ms", &c.detector.max_age_ms, "ms", "older boxes are not used", 1, 60000},

@@ -67,8 +67,8 @@ struct Config {
     std::string colour_order = "bgr";
     std::array<double, 3> mean{103.53, 116.28, 123.675}, deviation{57.375, 57.12, 58.395};
     int pad = 0;
-    double score_threshold = 0.35;
-    double nms_iou = 0.6;
+    double score_threshold = 0.25, confirm_score = 0.4;
+    double nms_iou = 0.5;
     int max_age_ms = 700;
   } detector;
   struct Classes {

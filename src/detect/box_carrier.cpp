@@ -14,6 +14,7 @@ constexpr double kSameObject_m = 0.8;    // two detections of a class nearer tha
 constexpr double kFastest_m_s = 2.5;     // a quick walk
 constexpr double kGrowth_per_s = 0.4;    // of the box's size, for what the velocity does not know
 constexpr int kMostMisses = 2;
+constexpr double kMemory = 0.7;           // what the looks so far are still worth at the next
 constexpr double kLongestCoast_s = 0.35;  // the velocity is trusted this long
 
 double depth_or_guess(const Detection& d) {
@@ -81,12 +82,14 @@ void BoxCarrier::update(const Detections& fresh, const Pose& T_odom_camera) {
   for (const Detection& d : fresh.items) {
     Track track = track_of(d, fresh.stamp_ns, T_odom_camera);
     track.matched = true;
+    track.evidence = d.score;
     Track* before = nearest(track);
     if (before == nullptr) {
       track.object = ++objects_;
       static_cast<void>(tracks_.try_push_back(track));
       continue;
     }
+    track.evidence += kMemory * before->evidence;
     track.object = before->object;
     track.first_seen_ns = before->first_seen_ns;
     const double span = to_seconds(fresh.stamp_ns - before->seen_ns);
@@ -100,7 +103,10 @@ void BoxCarrier::update(const Detections& fresh, const Pose& T_odom_camera) {
     }
     *before = track;
   }
-  for (Track& t : tracks_) t.misses = t.matched ? 0 : t.misses + 1;
+  for (Track& t : tracks_) {
+    t.misses = t.matched ? 0 : t.misses + 1;
+    if (!t.matched) t.evidence *= kMemory;
+  }
   const auto gone = [](const Track& t) { return t.misses > kMostMisses; };
   tracks_.truncate(
       static_cast<std::size_t>(std::remove_if(tracks_.begin(), tracks_.end(), gone) - tracks_.begin()));
@@ -114,6 +120,7 @@ void BoxCarrier::carry(Nanoseconds stamp_ns, const Pose& T_odom_camera, Detectio
   out.stamp_ns = stamp_ns;
   const Pose T_camera_odom = inverse(T_odom_camera);
   for (const Track& t : tracks_) {
+    if (t.evidence < confirm_score_) continue;
     Detection d = t.seen;
     d.object = t.object;
     d.age_ns = stamp_ns - t.first_seen_ns;

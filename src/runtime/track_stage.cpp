@@ -10,7 +10,7 @@ TrackStage::TrackStage(Arena& arena, const Config& config)
       carries_boxes_(config.track.has("carried_boxes")),
       tracker_(arena, config),
       copier_(arena),
-      carrier_(config.camera, static_cast<Nanoseconds>(config.detector.max_age_ms) * 1'000'000) {}
+      carrier_(config.camera, config.detector) {}
 
 const Pose* TrackStage::pose_of(std::uint64_t sequence) const {
   const SequencePose& entry = recent_[static_cast<std::size_t>(sequence % recent_.size())];

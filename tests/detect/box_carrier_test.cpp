@@ -76,7 +76,7 @@ class BoxCarrierTest : public testing::Test {
   double column_of(double x_m) const { return camera_.cx + camera_.fx * x_m / 2; }
 
   CameraModel camera_ = camera_model();
-  BoxCarrier carrier_{camera_, 700 * kMs};
+  BoxCarrier carrier_{camera_, Config{}.detector};
 };
 
 TEST_F(BoxCarrierTest, NothingFromNothing) {
@@ -187,6 +187,7 @@ TEST_F(BoxCarrierTest, BoxesGrowWithTheirAge) {
 
 TEST_F(BoxCarrierTest, TwoMissesAreForgivenAThirdIsNot) {
   update(0, {seen({})});
+  update(50 * kMs, {seen({})});
   update(100 * kMs, {});
   update(200 * kMs, {});
   EXPECT_EQ(carry(200 * kMs).size(), 1u);
@@ -196,6 +197,30 @@ TEST_F(BoxCarrierTest, TwoMissesAreForgivenAThirdIsNot) {
   EXPECT_EQ(carry(500 * kMs).size(), 1u);
   update(600 * kMs, {});
   EXPECT_TRUE(carry(600 * kMs).empty());
+}
+
+/// The default counts from 0.4 on, and a look fades by 0.7.
+TEST_F(BoxCarrierTest, WhatIsFoundWeaklyCountsWhenItIsFoundAgain) {
+  Detection weak = seen({});
+  weak.score = 0.28f;
+  update(0, {weak});
+  EXPECT_TRUE(carry(0).empty());
+  update(100 * kMs, {weak});  // 0.28 + 0.7 * 0.28 = 0.476
+  ASSERT_EQ(carry(100 * kMs).size(), 1u);
+  EXPECT_EQ(carry(100 * kMs)[0].age_ns, 100 * kMs) << "it was there all along";
+  update(200 * kMs, {});
+  EXPECT_TRUE(carry(200 * kMs).empty()) << "not sure enough for a miss";
+  update(300 * kMs, {weak});  // 0.28 + 0.7^2 * 0.476 = 0.513
+  EXPECT_EQ(carry(300 * kMs).size(), 1u);
+}
+
+TEST_F(BoxCarrierTest, WhatIsFoundWeaklyHereAndThereIsNothing) {
+  for (int i = 0; i < 6; ++i) {
+    Detection weak = seen({{i % 2 == 0 ? -0.5 : 0.5, 0, 2.0 + i}});
+    weak.score = 0.39f;
+    update(i * 100 * kMs, {weak});
+    EXPECT_TRUE(carry(i * 100 * kMs).empty()) << i;
+  }
 }
 
 TEST_F(BoxCarrierTest, AMissOfOneIsNotAMissOfTheOther) {
@@ -261,12 +286,15 @@ TEST_F(BoxCarrierTest, ClearForgetsAll) {
 }
 
 TEST_F(BoxCarrierTest, MoreThanItHoldsIsNoHarm) {
-  std::vector<Detection> crowd;
-  for (int i = 0; i < 64; ++i) crowd.push_back(seen({{-0.6 + 0.02 * i, 0, 1.0 + i}, 0.02, 0.02}));
-  update(0, crowd);
-  const auto out = carry(0);
-  EXPECT_EQ(out.size(), 48u);
-  EXPECT_EQ(out[0].box.x0, crowd[0].box.x0);
+  for (std::uint16_t look = 0; look < 4; ++look) {  // each of another class: nothing is found again
+    std::vector<Detection> crowd;
+    for (int i = 0; i < 64; ++i)
+      crowd.push_back(seen({{0, 0, 1.0 + i}, 0.02 * (1 + i), 0.02 * (1 + i)}, {}, look));
+    update(look * kMs, crowd);
+    const auto out = carry(look * kMs);
+    ASSERT_EQ(out.size(), 64u);
+    EXPECT_EQ(out[0].class_id, look < 2 ? 0 : look - 1) << "what was found first, while it is sure";
+  }
 }
 
 TEST_F(BoxCarrierTest, OddBoxesGiveNoNonsense) {

@@ -91,7 +91,7 @@ int measure(const std::filesystem::path& log, const Config& config) {
   if (!opened.ok()) return std::fprintf(stderr, "%s\n", opened.error().message.c_str()), 3;
   const auto poses = read_trajectory(log / "groundtruth.txt");
   if (!poses.ok()) return std::fprintf(stderr, "%s\n", poses.error().message.c_str()), 3;
-  BoxCarrier carrier(config.camera, static_cast<Nanoseconds>(config.detector.max_age_ms) * 1'000'000);
+  BoxCarrier carrier(config.camera, config.detector);
   Coverage coverage;
   std::vector<double> cpu_ms;
   for (const test::RgbdFiles& files : test::list_rgbd(log)) {

@@ -40,7 +40,7 @@ struct Replay {
   const std::vector<StampedPose>& poses;
   Detector* detector;
   Stages& stages;
-  BoxCarrier carrier{config.camera, static_cast<Nanoseconds>(config.detector.max_age_ms) * 1'000'000};
+  BoxCarrier carrier{config.camera, config.detector};
   Detections boxes{}, carried{};
   int unposed = 0;
 
