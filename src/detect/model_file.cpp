@@ -126,7 +126,8 @@ Result<ModelFile> read_model(const std::string& path) {
   const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(std::fopen(path.c_str(), "rb"), std::fclose);
   if (file == nullptr) return unreadable(path, std::string("cannot be read (") + std::strerror(errno) + ")");
   ModelFile model{.path = path, .bytes = {}, .sha256 = {}, .warning = {}};
-  if (const std::uintmax_t size = fs::file_size(path, error); !error) model.bytes.reserve(size);
+  if (const std::uintmax_t size = fs::file_size(path, error); !error)
+    model.bytes.reserve(static_cast<std::size_t>(size));
   std::array<char, 65536> chunk;
   while (const std::size_t count = std::fread(chunk.data(), 1, chunk.size(), file.get()))
     model.bytes.append(chunk.data(), count);
