@@ -47,7 +47,7 @@ TEST(Cloud, is_every_voxel_where_they_fit) {
 
 TEST(Cloud, gets_coarser_until_it_fits_and_still_shows_all_of_the_map) {
   CloudUnderTest t;
-  const std::size_t voxels = t.map.map().occupied_voxels();
+  const auto voxels = static_cast<std::size_t>(t.map.map().occupied_voxels());
   std::size_t blocks = 0;
   for (int i = 0; i < t.map.map().blocks().size(); ++i) blocks += t.map.map().blocks().block(i).occupied > 0;
   std::size_t last = voxels;

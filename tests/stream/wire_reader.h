@@ -31,7 +31,7 @@ class WireMessage {
         std::memcpy(raw.data(), &value, 8);
       }
       fields_[static_cast<int>(key >> 3)].push_back(raw);
-      bytes = bytes.subspan(size);
+      bytes = bytes.subspan(static_cast<std::size_t>(size));
     }
   }
 

@@ -252,6 +252,8 @@ TEST(PictureEncoders, PngIsExactAndJpegIsNear) {
   std::vector<Bgr> colour_back(kWide * kHigh);
   std::vector<std::uint16_t> depth_back(kWide * kHigh);
   const ImageView<Bgr> colour_into{colour_back.data(), kWide, kHigh, kWide};
+  // On ARM a thread's first JPEG reads from the system what the processor can do.
+  ASSERT_GT(jpeg.encode(colour_view, 95, jpeg_file), 0u);
   for (int round = 0; round < 3; ++round) {
     const long before = test::heap_calls();
     const auto depth_file = png.encode_depth(depth_view);

@@ -7,7 +7,11 @@
 The other programs are put beside it, into /bin. --vimc adds the virtual media device that libcamera drives; the distribution
 has it in the kernel's sources only, so it is built from those. The kernel's package and what is built for it are kept in
 FOLDER. Exit code: the program's, or 77 (skipped) without qemu or the sources.
+
+Where STILLMAP_EMULATOR says how programs of a cross build are started (its last word is their sysroot), the machine is a 64-bit
+ARM; its kernel runs 32-bit programs, too.
 """
+import os
 import platform
 import re
 import shutil
@@ -19,8 +23,14 @@ MACHINES = {
     "x86_64": ("linux-image-amd64", ["qemu-system-x86_64", "-cpu", "Nehalem"], "ttyS0"),
     "aarch64": ("linux-image-arm64", ["qemu-system-aarch64", "-M", "virt", "-cpu", "max"], "ttyAMA0"),
 }
-BUSYBOX = Path("/bin/busybox")
+EMULATOR = os.environ.get("STILLMAP_EMULATOR", "").split()
+SYSROOT = Path(EMULATOR[-1] if EMULATOR else "/")
+MACHINE = "aarch64" if EMULATOR else platform.machine()
+PRIVATE_APT = Path(__file__).resolve().parents[3] / "toolchains/private_apt.sh"
 LIBRARIES = Path("/usr/lib") / f"{platform.machine()}-linux-gnu/libcamera"
+# Of the packages of the kernel and of busybox.
+WANTED = (["./boot/vmlinuz-*", "./lib/modules/*/kernel/drivers/media/*", "./lib/modules/*/kernel/drivers/video/*", "./lib/modules/*/kernel/sound/core/*",
+           "./lib/modules/*/kernel/lib/*"], ["./bin/busybox"])
 # What libcamera itself opens to drive vimc: of its package libcamera-ipa.
 LIBCAMERA_FILES = [LIBRARIES / "ipa_vimc.so", LIBRARIES / "ipa_vimc.so.sign", LIBRARIES / "vimc_ipa_proxy",
                    Path("/usr/share/libcamera/ipa/vimc/vimc.conf")]
@@ -51,23 +61,42 @@ def run(*command, **options):
     return subprocess.run(command, check=True, capture_output=True, text=True, **options).stdout
 
 
-def fetch_kernel(package, folder):
-    """Kernel and modules of the package that `package` stands for, unpacked in `folder` once."""
+def foreign_packages(folder):
+    """apt's options for the packages of an emulated machine: none where it is of this machine's kind."""
+    if not EMULATOR:
+        return []
+    script = f'. {PRIVATE_APT} && private_apt arm64 "$0" && printf "%s\\n" "${{private[@]}}"'
+    return run("bash", "-c", script, folder.resolve() / "apt").splitlines()
+
+
+def fetch(package, folder):
+    """Kernel and modules of the package that `package` stands for, and busybox; unpacked in `folder` once."""
     if not (folder / "boot").is_dir():
-        name = re.search(r"Depends: (linux-image-\S+)", run("apt-cache", "depends", package))[1]
         folder.mkdir(parents=True, exist_ok=True)
-        run("apt-get", "-qq", "download", name, cwd=folder)
-        deb = next(folder.glob("*.deb"))
+        options = foreign_packages(folder)
+        names = [re.search(r"Depends: (linux-image-\S+)", run("apt-cache", *options, "depends", package))[1]]
+        if EMULATOR:
+            names.append("busybox-static")
+        run("apt-get", "-qq", *options, "download", *names, cwd=folder)
         unpacked = folder / "unpacking"
         shutil.rmtree(unpacked, ignore_errors=True)
-        unpacked.mkdir()
-        with subprocess.Popen(["dpkg-deb", "--fsys-tarfile", deb], stdout=subprocess.PIPE) as archive:
-            run("tar", "-x", "-C", unpacked, "--wildcards", "./boot/vmlinuz-*", "./lib/modules/*/kernel/drivers/media/*",
-                "./lib/modules/*/kernel/drivers/video/*", "./lib/modules/*/kernel/sound/core/*", "./lib/modules/*/kernel/lib/*", stdin=archive.stdout)
-        (unpacked / "lib").rename(folder / "lib")
-        (unpacked / "boot").rename(folder / "boot")
-        deb.unlink()
+        (unpacked / "bin").mkdir(parents=True)
+        for deb in folder.glob("*.deb"):
+            with subprocess.Popen(["dpkg-deb", "--fsys-tarfile", deb], stdout=subprocess.PIPE) as archive:
+                run("tar", "-x", "-C", unpacked, "--wildcards", *WANTED[deb.name.startswith("busybox")], stdin=archive.stdout)
+            deb.unlink()
+        for part in ("bin", "lib", "boot"):
+            (unpacked / part).rename(folder / part)
     return next((folder / "boot").glob("vmlinuz-*")), {p.stem.replace("-", "_"): p for p in (folder / "lib").rglob("*.ko")}
+
+
+def libraries_of(programs):
+    """Name in the machine -> file of each library that they link to."""
+    if not EMULATOR:
+        return {name: Path(name) for name in re.findall(r"(/\S+) \(0x", "".join(run("ldd", p) for p in programs))}
+    loader = next(SYSROOT.glob("lib/ld-linux*"))
+    names = re.findall(r"=> (/(?:usr/)?lib/\S+) \(0x", "".join(run(*EMULATOR, loader, "--list", p) for p in programs))
+    return {name: SYSROOT / name.lstrip("/") for name in (*names, f"/lib/{loader.name}")}
 
 
 def modules_of(name, known):
@@ -112,15 +141,15 @@ def build_vimc(kernel, folder):
     return built
 
 
-def initramfs(program, others, modules, more):
-    files = {"bin/sh": (0o100755, BUSYBOX.read_bytes()), "init": (0o100755, INIT.encode()), "bin/busybox": (0o100755, BUSYBOX.read_bytes()), "test": (0o100755, program.read_bytes()),
+def initramfs(busybox, program, others, modules, more):
+    files = {"bin/sh": (0o100755, busybox.read_bytes()), "init": (0o100755, INIT.encode()), "bin/busybox": (0o100755, busybox.read_bytes()), "test": (0o100755, program.read_bytes()),
              "modules/order": (0o100644, "\n".join(m.name for m in modules).encode())}
     for module in modules:
         files[f"modules/{module.name}"] = (0o100644, module.read_bytes())
     for other in others:
         files[f"bin/{other.name}"] = (0o100755, other.read_bytes())
-    for library in re.findall(r"(/\S+) \(0x", "".join(run("ldd", p) for p in (program, *others))):
-        files[library.lstrip("/")] = (0o100755, Path(library).read_bytes())
+    for name, library in libraries_of((program, *others)).items():
+        files[name.lstrip("/")] = (0o100755, library.read_bytes())
     for file in more:
         files[str(file).lstrip("/")] = (0o100755, file.read_bytes())
     return archive(files)
@@ -130,17 +159,18 @@ def main():
     arguments = sys.argv[1:]
     vimc = arguments[0] == "--vimc"
     program, folder, *others = map(Path, arguments[vimc:])
-    package, qemu, console = MACHINES.get(platform.machine(), (None, [""], ""))
-    if not shutil.which(qemu[0]) or not BUSYBOX.exists():
-        print(f"skipped: no {qemu[0] or 'virtual machine for this processor'} or no {BUSYBOX}; scripts/setup.sh --tests installs them")
+    package, qemu, console = MACHINES.get(MACHINE, (None, [""], ""))
+    busybox = folder / "bin/busybox" if EMULATOR else Path("/bin/busybox")
+    if not shutil.which(qemu[0]) or not (EMULATOR or busybox.exists()):
+        print(f"skipped: no {qemu[0] or 'virtual machine for this processor'} or no {busybox}; scripts/setup.sh --tests installs them")
         sys.exit(77)
-    kernel, known = fetch_kernel(package, folder)
+    kernel, known = fetch(package, folder)
     modules, more = modules_of("vivid", known), ()
     if vimc:
         known["vimc"] = build_vimc(kernel, folder)
         modules, more = list(dict.fromkeys([*modules, *modules_of("vimc", known)])), LIBCAMERA_FILES
     image = folder / "initramfs"
-    image.write_bytes(initramfs(program, others, modules, more))
+    image.write_bytes(initramfs(busybox, program, others, modules, more))
     # The processor is emulated: where a machine offers to run it itself (KVM), that may still not work. On a machine that is
     # busy, the emulated timer comes too late for the kernel's check of it.
     result = subprocess.run([*qemu, "-accel", "tcg", "-smp", "2", "-m", "768", "-nographic", "-no-reboot", "-nic", "none",

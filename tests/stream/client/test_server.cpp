@@ -10,6 +10,7 @@
 #include <iostream>
 #include <string>
 #include <thread>
+#include <utility>
 
 #include "stream/stream_server.h"
 
@@ -166,13 +167,25 @@ void map(StreamServer& server, int block_count) {
 
 void print_stats(const StreamServer& server) {
   const StreamStats s = server.stats();
-  std::printf(
-      "{\"clients\":%lu,\"peak\":%lu,\"refused\":%lu,\"given_up\":%lu,\"sent\":%lu,\"dropped\":%lu,"
-      "\"bytes\":%lu,\"bad\":%lu,\"unwelcome\":%lu,\"pictures\":%lu,\"withheld\":%lu,\"poses_refused\":%lu,"
-      "\"allocations\":%lu}\n",
-      s.clients, s.clients_peak, s.clients_refused, s.clients_given_up, s.messages_sent, s.messages_dropped,
-      s.bytes_sent, s.bad_messages, s.clients_unwelcome, s.pictures_sent, s.pictures_withheld,
-      s.poses_refused, library_allocations.load());
+  const std::pair<const char*, std::uint64_t> counts[] = {{"clients", s.clients},
+                                                          {"peak", s.clients_peak},
+                                                          {"refused", s.clients_refused},
+                                                          {"given_up", s.clients_given_up},
+                                                          {"sent", s.messages_sent},
+                                                          {"dropped", s.messages_dropped},
+                                                          {"bytes", s.bytes_sent},
+                                                          {"bad", s.bad_messages},
+                                                          {"unwelcome", s.clients_unwelcome},
+                                                          {"pictures", s.pictures_sent},
+                                                          {"withheld", s.pictures_withheld},
+                                                          {"poses_refused", s.poses_refused},
+                                                          {"allocations", library_allocations.load()}};
+  char before = '{';
+  for (const auto& [name, count] : counts) {
+    std::cout << before << '"' << name << "\":" << count;
+    before = ',';
+  }
+  std::cout << "}\n";
 }
 
 }  // namespace
