@@ -39,7 +39,8 @@ Texture plaster(Random& random) {
     if (random.chance(0.5)) {
       t.disk(x, y, 1 + random.below(5), c);
     } else {
-      t.rectangle(x, y, x + 2 + random.below(30), y + 1 + random.below(5), c);
+      const int high = random.below(5), wide = random.below(30);
+      t.rectangle(x, y, x + 2 + wide, y + 1 + high, c);
     }
   }
   t.weather(random, 0.3, 256, 0.02);
@@ -55,7 +56,9 @@ Texture floor(Random& random) {
     }
   }
   for (int i = 0; i < 300; ++i) {
-    t.disk(random.below(1024), random.below(1024), 1 + random.below(7), varied(random, {100, 96, 90}, 0.5));
+    const Rgb c = varied(random, {100, 96, 90}, 0.5);
+    const int radius = 1 + random.below(7), y = random.below(1024), x = random.below(1024);
+    t.disk(x, y, radius, c);
   }
   t.weather(random, 0.3, 128, 0.05);
   return t;
@@ -66,8 +69,10 @@ Texture ceiling(Random& random) {
   for (int y = 0; y < 512; y += 128) {
     for (int x = 0; x < 512; x += 128) {
       t.rectangle(x + 3, y + 3, x + 125, y + 125, varied(random, {205, 205, 200}, 0.08));
-      for (int i = 0; i < 40; ++i)
-        t.disk(x + 6 + random.below(114), y + 6 + random.below(114), 1, {120, 120, 120});
+      for (int i = 0; i < 40; ++i) {
+        const int down = random.below(114), right = random.below(114);
+        t.disk(x + 6 + right, y + 6 + down, 1, {120, 120, 120});
+      }
     }
   }
   t.weather(random, 0.1, 128, 0.01);
@@ -81,8 +86,9 @@ Texture wood(Random& random) {
     t.rectangle(0, board, 512, board + 62, c);
     for (int i = 0; i < 12; ++i) {
       const int y = board + random.below(60), x = random.below(512);
-      t.rectangle(x, y, x + 60 + random.below(200), y + 1 + random.below(2),
-                  scaled(c, random.uniform(0.6, 0.85)));
+      const Rgb grain = scaled(c, random.uniform(0.6, 0.85));
+      const int high = random.below(2), wide = random.below(200);
+      t.rectangle(x, y, x + 60 + wide, y + 1 + high, grain);
     }
     for (int i = 0; i < 3; ++i) {
       const int x = random.below(512), y = board + 8 + random.below(46), r = 2 + random.below(6);
@@ -101,7 +107,8 @@ Texture carton(Random& random) {
     const int x = 20 + random.below(400), y = 20 + random.below(400), w = 50 + random.below(70),
               h = 30 + random.below(50);
     t.rectangle(x, y, x + w, y + h, kPapers[random.below(6)]);
-    t.print(random, x + 4, y + 4, x + w - 4, y + h - 4, 6 + random.below(6), kInks[random.below(6)]);
+    const Rgb ink = kInks[random.below(6)];
+    t.print(random, x + 4, y + 4, x + w - 4, y + h - 4, 6 + random.below(6), ink);
   }
   for (int i = 0; i < 6; ++i) {
     const int x = random.below(460), y = random.below(460);
@@ -187,8 +194,9 @@ Texture cloth(Random& random, Rgb base, bool stripes) {
   Texture t(128, 128, base);
   for (int i = 0; i < 26; ++i) {  // folds, seams and pockets
     const int x = random.below(128), y = random.below(128);
-    t.rectangle(x, y, x + 3 + random.below(24), y + 1 + random.below(4),
-                scaled(base, random.uniform(0.5, 1.5)));
+    const Rgb c = scaled(base, random.uniform(0.5, 1.5));
+    const int high = random.below(4), wide = random.below(24);
+    t.rectangle(x, y, x + 3 + wide, y + 1 + high, c);
   }
   if (stripes) t.rectangle(0, 40, 128, 54, {190, 192, 196});
   t.weather(random, 0.4, 32, 0.1);

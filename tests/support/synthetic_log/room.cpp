@@ -69,9 +69,9 @@ void small_things(Place& place, double half_width, double half_depth, double z, 
       }
       default: {
         const double h = r.uniform(0.1, 0.32);
-        place.box({x, y, z + h / 2}, {slot * 0.75, r.uniform(0.12, 0.28), h},
-                  r.chance(0.3) ? any_poster(r) : static_cast<int>(kCarton), r.uniform(700, 1100),
-                  r.uniform(-0.25, 0.25));
+        const double turn = r.uniform(-0.25, 0.25), texels = r.uniform(700, 1100);
+        const int material = r.chance(0.3) ? any_poster(r) : static_cast<int>(kCarton);
+        place.box({x, y, z + h / 2}, {slot * 0.75, r.uniform(0.12, 0.28), h}, material, texels, turn);
       }
     }
   }
@@ -138,8 +138,8 @@ void cartons(Place& place) {
   for (int layer = 0; layer < 3; ++layer) {
     const double h = r.uniform(0.28, 0.42);
     for (int i = 0; i < 3 - layer; ++i) {
-      place.box({(i - (2 - layer) / 2.0) * 0.36, 0.28, z + h / 2}, {0.33, r.uniform(0.3, 0.42), h}, kCarton,
-                r.uniform(500, 900), r.uniform(-0.15, 0.15));
+      const double turn = r.uniform(-0.15, 0.15), texels = r.uniform(500, 900), depth = r.uniform(0.3, 0.42);
+      place.box({(i - (2 - layer) / 2.0) * 0.36, 0.28, z + h / 2}, {0.33, depth, h}, kCarton, texels, turn);
     }
     z += h;
   }
@@ -149,8 +149,8 @@ void bins(Place& place) {
   Random& r = place.random();
   for (int i = 0; i < 3; ++i) {
     const double h = r.uniform(0.5, 0.95);
-    place.cylinder({(i - 1) * 0.4, 0.25, h / 2}, r.uniform(0.14, 0.19), h,
-                   i == 1 ? static_cast<int>(kHazard) : any_poster(r));
+    const int material = i == 1 ? static_cast<int>(kHazard) : any_poster(r);
+    place.cylinder({(i - 1) * 0.4, 0.25, h / 2}, r.uniform(0.14, 0.19), h, material);
   }
 }
 
@@ -184,8 +184,9 @@ void along_wall(std::vector<Shape>& shapes, Random& random, Vec3 middle, double 
     for (double side : {-0.3, 0.32}) {
       if (random.chance(0.15)) continue;
       const double size = random.uniform(0.4, 0.56);
-      Shape& p = place.box({side, 0, random.uniform(1.65, height - 0.45)},
-                           {size, 0.024, size * random.uniform(0.9, 1.3)}, any_poster(random), 256 / size);
+      const int material = any_poster(random);
+      const double tall = size * random.uniform(0.9, 1.3), up = random.uniform(1.65, height - 0.45);
+      Shape& p = place.box({side, 0, up}, {size, 0.024, tall}, material, 256 / size);
       p.u_offset = p.v_offset = 128;
     }
   }
@@ -220,9 +221,10 @@ Room make_room(std::uint64_t seed) {
   for (int i = 0; i < 8; ++i) {  // mats and markings
     const double angle = random.uniform(0, 2 * M_PI), radius = random.uniform(1.1, 2.4),
                  size = random.uniform(0.3, 0.7);
-    floor.box(
-        {radius * std::cos(angle), radius * std::sin(angle), 0.001}, {size, size * 0.6, 0.002 + 0.001 * i},
-        i % 3 == 0 ? static_cast<int>(kHazard) : any_poster(random), 256 / size, random.uniform(0, M_PI));
+    const double turn = random.uniform(0, M_PI);
+    const int material = i % 3 == 0 ? static_cast<int>(kHazard) : any_poster(random);
+    floor.box({radius * std::cos(angle), radius * std::sin(angle), 0.001},
+              {size, size * 0.6, 0.002 + 0.001 * i}, material, 256 / size, turn);
   }
   for (double x : {-1.4, 1.4}) {  // lamps
     floor.box({x, 0, shell.height - 0.04}, {0.25, 1.2, 0.08}, kHelmet).tint = 1.5f;
