@@ -221,7 +221,8 @@ TEST_F(TumLogFolder, TheSlotsSizeCounts) {
   EXPECT_EQ(result.reason, DropReason::WrongSize);
 }
 
-/// Plays a real log to its end, with the heap calls counted.
+/// Plays a real log to its end, with the heap calls counted after the first frame: on ARM a thread's first
+/// JPEG reads from the system what the processor can do.
 struct Playback {
   int frames = 0, pairs_within_window = 0;
   long heap_calls = 0;
@@ -233,11 +234,12 @@ Playback play_real(const std::string& name, int width, int height) {
   EXPECT_TRUE(log.start().ok());
   Slot slot(width, height);
   Playback out;
-  const long before = test::heap_calls();
+  long before = 0;
   for (GrabResult r = log.grab(slot, 0); r.status != GrabStatus::EndOfStream; r = log.grab(slot, 0)) {
     if (r.status != GrabStatus::Frame) continue;
     out.pairs_within_window += std::abs(slot.colour_ns - slot.depth_ns) <= 20'000'000 ? 1 : 0;
     if (++out.frames > 1) continue;
+    before = test::heap_calls();
     for (const Bgr& p : slot.colour_pixels) {
       out.first_frame[0] += p.b;
       out.first_frame[1] += p.g;
