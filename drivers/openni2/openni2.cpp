@@ -121,8 +121,10 @@ class Camera : public openni::OpenNI::DeviceDisconnectedListener {
   std::optional<Nanoseconds> clock_offset_ns_;
 };
 
-/// A camera's pictures are read on the library's thread, as they come; a recording's on the caller's, since
-/// it shows the next one only when it is asked for.
+/// The library takes a block from the heap for each picture that is given back to it, so that is done on its
+/// own thread, which tells of each new one. A camera's pictures are read there, too, into the places that
+/// come back; a recording's on the caller's, since it shows the next one only when it is asked for, into
+/// places that were emptied there.
 class Openni2Stream : public PictureStream, public openni::VideoStream::NewFrameListener {
  public:
   Openni2Stream(std::shared_ptr<Camera> camera, bool depth) : camera_(std::move(camera)), depth_(depth) {}
@@ -165,10 +167,14 @@ class Openni2Stream : public PictureStream, public openni::VideoStream::NewFrame
       playback->setRepeatEnabled(false);
       playback->setSpeed(-1);  // each picture waits to be read; at any other speed some are left out
     }
-    if (!camera_->is_file()) {
-      for (std::size_t i = 0; i < kFrames; ++i) arrivals_.release(i);
-      listening_ = stream_.addNewFrameListener(this) == openni::STATUS_OK;
+    for (std::size_t i = 0; i < kFrames; ++i) {
+      if (camera_->is_file()) {
+        arrivals_.arrive(i);
+      } else {
+        arrivals_.release(i);
+      }
     }
+    listening_ = stream_.addNewFrameListener(this) == openni::STATUS_OK;
     if (stream_.start() != openni::STATUS_OK)
       return camera_->refused("cannot stream " + kind() + " (" + library_words() + ")");
     // Colour is started second, and both must run for that.
@@ -177,30 +183,17 @@ class Openni2Stream : public PictureStream, public openni::VideoStream::NewFrame
   }
 
   PeekStatus peek(HeldPicture& out, Nanoseconds deadline_ns) override {
-    while (!held_frame_) {
-      if (camera_->gone()) return PeekStatus::Lost;
-      if (camera_->is_file()) {
-        if (const PeekStatus status = read_recorded(deadline_ns); status != PeekStatus::Picture)
-          return status;
-      } else if (const auto frame = arrivals_.arrived()) {
-        hold(*frame);
-      } else if (!arrivals_.wait(deadline_ns)) {
-        return camera_->gone() ? PeekStatus::Lost : PeekStatus::Timeout;
-      }
+    if (!held_frame_) {
+      const PeekStatus status = camera_->is_file() ? read_recorded(deadline_ns) : take_arrived(deadline_ns);
+      if (status != PeekStatus::Picture) return status;
     }
     out = held_;
     return PeekStatus::Picture;
   }
 
-  /// The library takes a block from the heap for each picture that is given back to it: a camera's is when
-  /// its place is needed for the next one.
   void release() override {
     if (!held_frame_) return;
-    if (camera_->is_file()) {
-      frames_[*held_frame_].release();
-    } else {
-      arrivals_.release(*held_frame_);
-    }
+    arrivals_.release(*held_frame_);
     held_frame_.reset();
   }
 
@@ -214,8 +207,15 @@ class Openni2Stream : public PictureStream, public openni::VideoStream::NewFrame
     held_frame_.reset();
   }
 
-  /// The library's thread. Where every place is taken, the picture is passed over, as its index tells.
+  /// The library's thread. Where every place is taken, a camera's picture is passed over, as its index tells.
   void onNewFrame(openni::VideoStream&) override {
+    if (camera_->is_file()) {
+      while (const auto place = arrivals_.released()) {
+        frames_[*place].release();
+        arrivals_.arrive(*place);
+      }
+      return;
+    }
     if (!spare_) spare_ = arrivals_.released();
     if (!spare_ || !has_picture(0) || stream_.readFrame(&frames_[*spare_]) != openni::STATUS_OK) return;
     arrivals_.arrive(*spare_);
@@ -231,13 +231,28 @@ class Openni2Stream : public PictureStream, public openni::VideoStream::NewFrame
     return openni::OpenNI::waitForAnyStream(&stream, 1, &ready, timeout_ms) == openni::STATUS_OK;
   }
 
+  PeekStatus take_arrived(Nanoseconds deadline_ns) {
+    for (;;) {
+      if (camera_->gone()) return PeekStatus::Lost;
+      if (const auto place = arrivals_.arrived()) {
+        hold(*place);
+        return PeekStatus::Picture;
+      }
+      if (!arrivals_.wait(deadline_ns)) return camera_->gone() ? PeekStatus::Lost : PeekStatus::Timeout;
+    }
+  }
+
   PeekStatus read_recorded(Nanoseconds deadline_ns) {
     if (last_index_ >= recorded_) return PeekStatus::EndOfStream;
+    while (!spare_ && !(spare_ = arrivals_.arrived())) {
+      if (!arrivals_.wait(deadline_ns)) return PeekStatus::Timeout;
+    }
     const Nanoseconds left_ns = std::max<Nanoseconds>(0, deadline_ns - monotonic_now());
     if (!has_picture(static_cast<int>((left_ns + kMillisecond - 1) / kMillisecond)))
       return PeekStatus::Timeout;
-    if (stream_.readFrame(&frames_[0]) != openni::STATUS_OK) return PeekStatus::Lost;
-    hold(0);
+    if (stream_.readFrame(&frames_[*spare_]) != openni::STATUS_OK) return PeekStatus::Lost;
+    hold(*spare_);
+    spare_.reset();
     return PeekStatus::Picture;
   }
 
@@ -319,7 +334,7 @@ class Openni2Stream : public PictureStream, public openni::VideoStream::NewFrame
   openni::VideoStream stream_;
   std::array<openni::VideoFrameRef, kFrames> frames_;
   Arrivals arrivals_;                 // of places in `frames_`
-  std::optional<std::size_t> spare_;  // the library's thread: a place for the next picture
+  std::optional<std::size_t> spare_;  // the thread that reads: a place for the next picture
   StreamInfo info_;
   HeldPicture held_;
   std::optional<std::size_t> held_frame_;  // a place
