@@ -65,6 +65,9 @@ class Camera : public openni::OpenNI::DeviceDisconnectedListener {
     if (!library_is_ready()) return refused("OpenNI2 cannot be used (" + library_words() + ")");
     const char* uri = request_.device.empty() ? openni::ANY_DEVICE : request_.device.c_str();
     if (device_.open(uri) != openni::STATUS_OK) {
+      if (request_.device.ends_with(".oni"))
+        return refused("is not there, or no recording that was brought to its end",
+                       ExitCode::UnreadableInput);
       return refused("cannot be opened (" + library_words() +
                      "); `stillmap devices` lists what is there, and another program may be using it");
     }
@@ -184,7 +187,7 @@ class Openni2Stream : public PictureStream, public openni::VideoStream::NewFrame
 
   PeekStatus peek(HeldPicture& out, Nanoseconds deadline_ns) override {
     if (!held_frame_) {
-      const PeekStatus status = camera_->is_file() ? read_recorded(deadline_ns) : take_arrived(deadline_ns);
+      const PeekStatus status = camera_->is_file() ? read_recorded() : take_arrived(deadline_ns);
       if (status != PeekStatus::Picture) return status;
     }
     out = held_;
@@ -242,15 +245,17 @@ class Openni2Stream : public PictureStream, public openni::VideoStream::NewFrame
     }
   }
 
-  PeekStatus read_recorded(Nanoseconds deadline_ns) {
+  /// Whatever the deadline: each time it is asked, the library shows one more, and keeps the newest only.
+  PeekStatus read_recorded() {
+    constexpr int kPatience_ms = 500, kMaxSilences = 4;
     if (last_index_ >= recorded_) return PeekStatus::EndOfStream;
     while (!spare_ && !(spare_ = arrivals_.arrived())) {
-      if (!arrivals_.wait(deadline_ns)) return PeekStatus::Timeout;
+      if (!arrivals_.wait(monotonic_now() + kPatience_ms * kMillisecond)) return PeekStatus::Timeout;
     }
-    const Nanoseconds left_ns = std::max<Nanoseconds>(0, deadline_ns - monotonic_now());
-    if (!has_picture(static_cast<int>((left_ns + kMillisecond - 1) / kMillisecond)))
-      return PeekStatus::Timeout;
+    if (!has_picture(kPatience_ms))
+      return ++silences_ < kMaxSilences ? PeekStatus::Timeout : PeekStatus::Lost;
     if (stream_.readFrame(&frames_[*spare_]) != openni::STATUS_OK) return PeekStatus::Lost;
+    silences_ = 0;
     hold(*spare_);
     spare_.reset();
     return PeekStatus::Picture;
@@ -260,7 +265,9 @@ class Openni2Stream : public PictureStream, public openni::VideoStream::NewFrame
     const openni::VideoFrameRef& frame = frames_[index];
     held_frame_ = index;
     const int step = frame.getFrameIndex() - last_index_;
-    held_.missed = last_index_ > 0 && step > 1 ? static_cast<std::uint32_t>(step - 1) : 0;
+    // A recording counts from 1, a camera from where it likes.
+    held_.missed =
+        (last_index_ > 0 || camera_->is_file()) && step > 1 ? static_cast<std::uint32_t>(step - 1) : 0;
     last_index_ = frame.getFrameIndex();
     held_.stamp_ns = camera_->stamp(frame.getTimestamp());
     held_.picture = {
@@ -338,7 +345,7 @@ class Openni2Stream : public PictureStream, public openni::VideoStream::NewFrame
   StreamInfo info_;
   HeldPicture held_;
   std::optional<std::size_t> held_frame_;  // a place
-  int last_index_ = 0, recorded_ = 0;
+  int last_index_ = 0, recorded_ = 0, silences_ = 0;
   bool listening_ = false;
 };
 

@@ -220,6 +220,8 @@ Status check_budget(const Arena& planning, const Config& config) {
 
 Status run_outcome(const RunContext& context) {
   const std::string& source = context.options.source;
+  if (context.source_lost && context.driver.describe().is_log)
+    return Error{ExitCode::UnreadableInput, source + ": is damaged and plays so far only; record it anew"};
   if (context.source_lost)
     return Error{ExitCode::RunFailed, source + ": the source is gone; check its cable and power"};
   if (!has_results(context)) {

@@ -64,7 +64,8 @@ void decode_thread(RunContext& context, Lanes& lanes) {
   for (bool more = true; more && !context.stop.load(std::memory_order_relaxed);) {
     Lanes::FrameItem item;
     const std::uint32_t ticket = lanes.decode_waker.ticket();
-    switch (capture.next(item.frame, 0)) {
+    const Capture::Outcome outcome = capture.next(item.frame, 0);
+    switch (outcome) {
       case Capture::Outcome::Frame:
         more = push_waiting(lanes.decoded, std::move(item), lanes.capture_waker, lanes.decode_waker,
                             &context.stop);
@@ -75,6 +76,7 @@ void decode_thread(RunContext& context, Lanes& lanes) {
         if (capture.waits_for_room()) lanes.decode_waker.wait(ticket, kMillisecond);
         break;
       default:
+        context.source_lost = outcome == Capture::Outcome::Lost;
         more = false;
     }
   }

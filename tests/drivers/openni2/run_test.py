@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The whole program on a camera: the real OpenNI2 with the test's device, which shows the rendered log."""
+import ctypes
 import json
 import math
 import os
 import re
+import time
 import unittest
 
-from program import CAMERA, DONE, LOG, NO_DETECTOR, QUIET, RUN_FAILED, ProgramTest, stillmap
+from program import CAMERA, DONE, LOG, NO_DETECTOR, QUIET, RUN_FAILED, UNREADABLE_INPUT, ProgramTest, stillmap
 
 # Slower than the stamps say, so that a machine that is busy with other things keeps up.
 os.environ["STILLMAP_TEST_DEVICE_LOG"] = str(LOG)
@@ -16,7 +18,40 @@ DEVICE = "openni2:stillmap-test-camera"
 
 def run_camera(*args, behaviour=""):
     os.environ["STILLMAP_TEST_DEVICE"] = behaviour
-    return stillmap("run", *CAMERA, "--set", "camera.depth_units_per_m=1000", *NO_DETECTOR, *QUIET, "--source", DEVICE, *args)
+    return run_source(DEVICE, *args)
+
+
+def run_source(source, *args):
+    return stillmap("run", *CAMERA, "--set", "camera.depth_units_per_m=1000", *NO_DETECTOR, *QUIET, "--source", source, *args)
+
+
+def record_oni(file):
+    """What the camera shows, recorded by the library itself through its C interface."""
+    os.environ["STILLMAP_TEST_DEVICE"] = ""
+    library = ctypes.CDLL("libOpenNI2.so.0")
+
+    def call(name, *args):
+        if (status := getattr(library, name)(*args)) != 0:
+            raise RuntimeError(f"{name}: {status}")
+    device, recorder, colour, depth = (ctypes.c_void_p() for _ in range(4))
+    call("oniInitialize", 2002)  # the version of its interface
+    call("oniDeviceOpen", DEVICE.removeprefix("openni2:").encode(), ctypes.byref(device))
+    call("oniCreateRecorder", str(file).encode(), ctypes.byref(recorder))
+    for kind, stream in ((2, colour), (3, depth)):  # as OniSensorType counts
+        call("oniDeviceCreateStream", device, kind, ctypes.byref(stream))
+        call("oniRecorderAttachStream", recorder, stream, False)
+    call("oniRecorderStart", recorder)
+    for stream in (depth, colour):
+        call("oniStreamStart", stream)
+    end = time.monotonic() + 10
+    while file.read_bytes().count(b"NIR\0\n") < 16 and time.monotonic() < end:  # pictures; a busy machine leaves some out
+        time.sleep(0.1)
+    library.oniRecorderStop(recorder)
+    call("oniRecorderDestroy", ctypes.byref(recorder))
+    for stream in (depth, colour):
+        library.oniStreamDestroy(stream)
+    call("oniDeviceClose", device)
+    library.oniShutdown()
 
 
 def poses(path):
@@ -57,6 +92,30 @@ class Camera(ProgramTest):
         self.assertGreaterEqual(len(both), len(live) - report["record"]["left_out"], "a busy machine may leave some out")
         for stamp in both:
             self.assertLess(math.dist(live[stamp][:3], replayed[stamp][:3]), 0.05, stamp)
+
+    def test_a_recording_plays_alike_in_every_mode_and_a_damaged_one_as_far_as_it_is_whole(self):
+        file = self.path / "room.oni"
+        record_oni(file)
+        counts = []
+        for mode in ("lockstep", "fast"):
+            result = run_source(f"openni2:{file}", "--mode", mode, *self.outputs())
+            self.assertEqual(result.returncode, DONE, result.stderr)
+            report = json.loads((self.path / "r.json").read_text())
+            heap = report["memory"]["heap_allocations_after_start"]
+            self.assertEqual((heap["capture"], heap["track"], heap["map"]), (0, 0, 0), mode)
+            counts.append({"offered": report["frames"]["offered"], "lost": report["tracking"]["lost"]})
+        self.assertGreater(counts[0]["offered"], 2)
+        self.assertEqual(counts, [{"offered": counts[0]["offered"], "lost": 0}] * 2)
+
+        damaged = bytearray(file.read_bytes())
+        begin, end = len(damaged) // 5, len(damaged) // 3
+        damaged[begin:end] = bytes(end - begin)
+        file.write_bytes(damaged)
+        result = run_source(f"openni2:{file}", "--mode", "fast", *self.outputs())
+        self.assert_error(result, UNREADABLE_INPUT, str(file), "is damaged and plays so far only", "record it anew")
+        self.assertGreater(json.loads((self.path / "r.json").read_text())["frames"]["processed"], 0, "outputs are complete all the same")
+        file.write_bytes(damaged[:begin])
+        self.assert_error(run_source(f"openni2:{file}"), UNREADABLE_INPUT, str(file), "no recording that was brought to its end")
 
     def test_without_a_profile_the_lens_is_what_the_camera_tells(self):
         os.environ["STILLMAP_TEST_DEVICE"] = ""
