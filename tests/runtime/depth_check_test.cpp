@@ -56,7 +56,8 @@ DepthCheck::Verdict verdict_on(const Slot& slot, double units = 1000) {
 }
 
 TEST(DepthCheck, SoundDepthIsNotBlamed) {
-  for (const int shift : {0, 2, -2}) EXPECT_EQ(verdict_on(posts(shift)).fault, DepthFault::None) << shift;
+  for (const int shift : {0, 2, -2, 4, -4})
+    EXPECT_EQ(verdict_on(posts(shift)).fault, DepthFault::None) << shift;
 }
 
 TEST(DepthCheck, EdgesBesideThoseOfColourAreUnregistered) {
@@ -72,6 +73,16 @@ TEST(DepthCheck, AWrongUnitIsAMatterOfScale) {
   EXPECT_EQ(v.fault, DepthFault::Scale);
   EXPECT_EQ(v.amount, 100);
   EXPECT_EQ(verdict_on(posts(0, 500), 5000).fault, DepthFault::Scale) << "0.1 m and 0.2 m";
+  // A hall whose far end is beyond what is trusted is no wrong unit, until hardly anything else is seen.
+  const auto hall = [](int far_percent) {
+    Slot slot(kWidth, kHeight);
+    for (int y = 0; y < kHeight; ++y) {
+      for (int x = 0; x < kWidth; ++x) slot.depth.at(x, y) = x * 100 < kWidth * far_percent ? 20'000 : 5000;
+    }
+    return slot;
+  };
+  EXPECT_EQ(verdict_on(hall(50)).fault, DepthFault::None);
+  EXPECT_EQ(verdict_on(hall(70)).fault, DepthFault::Scale);
 }
 
 TEST(DepthCheck, AlmostNoReadingIsEmpty) {

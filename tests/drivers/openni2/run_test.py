@@ -27,7 +27,7 @@ def run_source(source, *args):
 
 def record_oni(file):
     """What the camera shows, recorded by the library itself through its C interface."""
-    os.environ["STILLMAP_TEST_DEVICE"] = ""
+    os.environ["STILLMAP_TEST_DEVICE"] = "unsynced"
     library = ctypes.CDLL("libOpenNI2.so.0")
 
     def call(name, *args):

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // A plug-in for OpenNI2: a camera that shows the TUM log of the folder in STILLMAP_TEST_DEVICE_LOG once, with
-// depth in millimetres. STILLMAP_TEST_DEVICE_PICTURES may say "WIDTH HEIGHT UNITS PERIOD": the log's depth
-// units in a metre, and the ms from one pair to the next. STILLMAP_TEST_DEVICE says how it fails:
-// "unregistered" (cannot register depth), "liar" (says that it does, and does not), "unplug" (after 5 pairs),
-// "dies" (after 5 pairs, and cannot be opened again),
-// "lensless" (does not tell its field of view).
+// depth in millimetres, once its two streams are in sync. STILLMAP_TEST_DEVICE_PICTURES may say "WIDTH HEIGHT
+// UNITS PERIOD": the log's depth units in a metre, and the ms from one pair to the next. STILLMAP_TEST_DEVICE
+// says how it fails: "unregistered" (cannot register depth), "liar" (says that it does, and does not),
+// "unplug" (after 5 pairs), "dies" (after 5 pairs, and cannot be opened again), "lensless" (does not tell its
+// field of view), "unsynced" (cannot keep its streams in sync).
 #define XN_NEW(type, ...) new type(__VA_ARGS__)
 #define XN_DELETE(object) delete (object)
 #include <Driver/OniDriverAPI.h>
@@ -47,6 +47,8 @@ std::string behaviour() {
   const char* text = std::getenv("STILLMAP_TEST_DEVICE");
   return text == nullptr ? "" : text;
 }
+
+std::atomic<bool> g_in_sync{false};
 
 class Stream : public oni::driver::StreamBase {
  public:
@@ -173,8 +175,8 @@ class Device : public oni::driver::DeviceBase {
   void play() {
     stillmap::TumLog log(std::getenv("STILLMAP_TEST_DEVICE_LOG"), pictures().width, pictures().height);
     if (!log.open().ok() || !log.start().ok()) return;
-    while (!end_ &&
-           !(colour_ != nullptr && depth_ != nullptr && colour_.load()->running && depth_.load()->running))
+    while (!end_ && !(colour_ != nullptr && depth_ != nullptr && colour_.load()->running &&
+                      depth_.load()->running && (g_in_sync || behaviour() == "unsynced")))
       std::this_thread::sleep_for(std::chrono::milliseconds(1));
     std::vector<stillmap::Bgr> colour(pictures().pixels());
     std::vector<std::uint16_t> depth(pictures().pixels());
@@ -226,6 +228,12 @@ class Driver : public oni::driver::DriverBase {
       deviceConnected(&info_);  // and plugged in again
     });
   }
+  void* enableFrameSync(oni::driver::StreamBase**, int) override {
+    if (behaviour() == "unsynced") return nullptr;
+    g_in_sync = true;
+    return this;
+  }
+  void disableFrameSync(void*) override { g_in_sync = false; }
   void deviceClose(oni::driver::DeviceBase* device) override { delete device; }
   void shutdown() override {}
 

@@ -158,6 +158,10 @@ TEST(Paired, DamageHasItsReason) {
               ElementsAre("1+1", "corrupt_colour", "3+3"));
   EXPECT_THAT(play({{100 * kMs}, {140 * kMs}, {180 * kMs}}, {{100 * kMs}, corrupt, {180 * kMs}}),
               ElementsAre("1+1", "corrupt_depth", "3+3"));
+  EXPECT_THAT(play({{100 * kMs}, {140 * kMs}, {180 * kMs}, {220 * kMs}},
+                   {{100 * kMs}, corrupt, {180 * kMs}, {300 * kMs}}),
+              ElementsAre("1+1", "corrupt_depth", "3+3", "no_depth_match"))
+      << "a frame later, the damage is no reason any more";
   EXPECT_THAT(play({Item{.stamp_ns = 100 * kMs, .cut = true}, {140 * kMs}}, {{100 * kMs}, {140 * kMs}}),
               ElementsAre("corrupt_colour", "2+2"));
   EXPECT_THAT(play({{100 * kMs}, {140 * kMs}}, {Item{.stamp_ns = 100 * kMs, .cut = true}, {140 * kMs}}),

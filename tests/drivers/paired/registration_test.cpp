@@ -93,7 +93,7 @@ TEST(Registration, WhatTheNearThingHidesStaysHidden) {
 
 TEST(Registration, FollowsBothLensesAndARotation) {
   CameraModel colour = camera(160, 120, 150), depth = camera(128, 96, 110);
-  colour.k1 = 0.08, colour.k2 = -0.05, colour.p2 = 0.003;
+  colour.k1 = 0.08, colour.k2 = -0.05, colour.p1 = 0.05, colour.p2 = 0.03;
   depth.k1 = -0.06, depth.p1 = 0.002;
   const Pose T_colour_depth{exp_so3({0.01, -0.03, 0.02}), {0.05, -0.01, 0.004}};
   DepthRegistration registration(colour, depth, T_colour_depth);
@@ -115,10 +115,10 @@ TEST(Registration, FollowsBothLensesAndARotation) {
 
 TEST(Registration, ReadingsBehindOrFarOutsideFallNowhere) {
   CameraModel colour = camera(64, 48, 60);
-  colour.k1 = -0.4;  // folds far outside of the picture: a ray at 60 degrees must not come back into it
+  colour.k1 = -0.2;  // folds far outside of the picture: a ray at 66 degrees must not come back into it
   const CameraModel depth = camera(64, 48, 12);
   Depth from(64, 48), into(64, 48, 5);
-  from.at(0, 24) = 1000;
+  from.at(5, 24) = 1000;
   DepthRegistration(colour, depth, {}).apply(from.view(), into.view());
   EXPECT_EQ(std::count(into.readings.begin(), into.readings.end(), 0), 64 * 48);
   Depth near(64, 48, 400);

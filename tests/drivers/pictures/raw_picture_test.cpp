@@ -118,13 +118,16 @@ TEST(RawPicture, Nv12InOnePlaneAndInTwo) {
       at[1] = static_cast<std::byte>(chroma_v(x, y));
     }
   }
-  Bytes apart(chroma, data.data() + data.size());
+  constexpr std::size_t kOwnStride = kWidth + 6;
+  Bytes apart(kOwnStride * kHeight / 2);
+  for (std::size_t y = 0; y < kHeight / 2; ++y)
+    std::copy_n(chroma + y * kStride, kWidth, apart.begin() + static_cast<std::ptrdiff_t>(y * kOwnStride));
   for (const bool two_planes : {false, true}) {
     RawPicture picture{PixelFormat::Nv12, kWidth, kHeight, {{{data.data(), data.size(), kStride}}}};
     if (two_planes) {
       std::fill(chroma, data.data() + data.size(), std::byte{0});
       picture.planes[0].bytes = kStride * kHeight;
-      picture.planes[1] = {apart.data(), apart.size(), kStride};
+      picture.planes[1] = {apart.data(), apart.size(), kOwnStride};
     }
     Target into;
     ASSERT_EQ(convert(picture, into), DecodeStatus::Ok);
@@ -222,12 +225,18 @@ TEST(RawPicture, DepthIsAViewIntoTheBuffer) {
   ImageView<const std::uint16_t> view;
   ASSERT_EQ(
       depth_view(
-          {PixelFormat::Depth16, 3, 2, {{{reinterpret_cast<const std::byte*>(readings.data()), 16, 8}}}},
+          {PixelFormat::Depth16, 3, 2, {{{reinterpret_cast<const std::byte*>(readings.data()), 14, 8}}}},
           view),
       DecodeStatus::Ok);
   EXPECT_EQ(view.data, readings.data());
   EXPECT_EQ(view.at(2, 0), 3);
   EXPECT_EQ(view.at(2, 1), 65535);
+  EXPECT_EQ(
+      depth_view(
+          {PixelFormat::Depth16, 3, 2, {{{reinterpret_cast<const std::byte*>(readings.data()), 16, 7}}}},
+          view),
+      DecodeStatus::Corrupt)
+      << "rows that begin in the middle of a reading";
 }
 
 TEST(PictureEncoders, PngIsExactAndJpegIsNear) {

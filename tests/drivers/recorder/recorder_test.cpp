@@ -112,6 +112,21 @@ TEST_F(RecorderFolder, JpegKeepsColourNearAndDepthExact) {
     ASSERT_NEAR(frames[0].colour_pixels[i].g, slot.colour_pixels[i].g, 12);
 }
 
+TEST_F(RecorderFolder, ALowerQualityMakesSmallerFiles) {
+  const auto bytes_of_colour = [this](const char* name, int quality) {
+    Recorder::Setup wanted = setup();
+    wanted.folder = (folder_.path() / name).string();
+    wanted.jpeg_quality = quality;
+    Recorder recorder(wanted);
+    EXPECT_TRUE(recorder.open().ok());
+    Slot slot;
+    slot.draw(3);
+    EXPECT_TRUE(recorder.write(slot));
+    return std::filesystem::directory_iterator(folder_.path() / name / "rgb")->file_size();
+  };
+  EXPECT_LT(bytes_of_colour("rough", 30), bytes_of_colour("fine", 95));
+}
+
 TEST_F(RecorderFolder, WithoutAnEndItPlaysAllThatWasWritten) {
   // A process that dies runs no destructors; the lists must be whole all the same.
   EXPECT_EXIT(
@@ -158,6 +173,20 @@ TEST_F(RecorderFolder, AFullDiskLeavesNoHalfLineThatTheNextOneWouldJoin) {
     good = good && recorder.write(slot);
     recorder.close();
     _exit(good && replay().size() == static_cast<std::size_t>(n) + 1 ? 17 : 1);
+  };
+  EXPECT_EXIT(in_child(), testing::ExitedWithCode(17), "");
+}
+
+TEST_F(RecorderFolder, AFullDiskLeavesNoHalfPicture) {
+  const auto in_child = [this] {
+    signal(SIGXFSZ, SIG_IGN);
+    Recorder recorder(setup());
+    Slot slot;
+    slot.draw(0);
+    const bool good = recorder.open().ok();
+    const rlimit full{100, RLIM_INFINITY};
+    setrlimit(RLIMIT_FSIZE, &full);
+    _exit(good && !recorder.write(slot) && std::filesystem::is_empty(folder_.path() / "log/rgb") ? 17 : 1);
   };
   EXPECT_EXIT(in_child(), testing::ExitedWithCode(17), "");
 }
