@@ -65,8 +65,7 @@ def quaternion(m):
     products = [[0, m[0][1] + m[1][0], m[0][2] + m[2][0], m[2][1] - m[1][2]], [0, 0, m[1][2] + m[2][1], m[0][2] - m[2][0]], [0, 0, 0, m[1][0] - m[0][1]]]
     largest = squares.index(max(squares))
     half = 0.5 * max(squares) ** 0.5
-    q = [half if i == largest else products[min(i, largest)][max(i, largest)] / (4 * half) for i in range(4)]
-    return [v if q[3] >= 0 else -v for v in q]
+    return [half if i == largest else products[min(i, largest)][max(i, largest)] / (4 * half) for i in range(4)]
 
 
 def read(path):

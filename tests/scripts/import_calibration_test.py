@@ -59,6 +59,7 @@ class ImportTest(unittest.TestCase):
         self.assertEqual([camera[k] for k in ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")],
                          [610, 611, 321, 241, 0.01, -0.02, 0.003, -0.004, 0])
         self.assertNotIn("depth", camera)
+        self.assertEqual((camera["depth_units_per_m"], camera["fps"]), (1000, 30))
         self.assertIn("millimetres are assumed", self.run_on(KALIBR).stdout)
 
     def test_kalibr_with_a_depth_camera(self):
