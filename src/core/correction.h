@@ -21,6 +21,8 @@ struct Correction {
   };
 
   std::uint32_t epoch = 0;  ///< the `TrackingResult::correction_epoch` from which on it holds; counts from 1
+  std::uint32_t segment_begin =
+      0;  ///< the newest segment's first keyframe: those before need not move with it
   FixedVector<KeyframePose, kMaxKeyframes> keyframes;  ///< every one that the tracker holds, in any order
 };
 static_assert(std::is_trivially_copyable_v<Correction>);

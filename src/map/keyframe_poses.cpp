@@ -36,6 +36,7 @@ const Pose* KeyframePoses::find(std::uint32_t id) const {
 
 bool KeyframePoses::correct(const Correction& correction, double tolerance_m) {
   motions_.clear();
+  segment_begin_ = correction.segment_begin;
   bool any = false;
   for (const Correction::KeyframePose& keyframe : correction.keyframes) {
     const Pose* before = find(keyframe.id);
@@ -61,9 +62,14 @@ bool KeyframePoses::correct(const Correction& correction, double tolerance_m) {
 
 std::optional<Pose> KeyframePoses::motion_of(std::uint32_t id) const {
   if (motions_.empty()) return std::nullopt;
-  const Motion* after = std::ranges::lower_bound(motions_, id, {}, &Motion::id);
-  if (after == motions_.end()) --after;
-  const Motion* before = after == motions_.begin() || after->id <= id ? after : after - 1;
+  // How a segment lay to the one before was unknown: between the two, nothing moves by halves.
+  const Motion* seam = std::ranges::lower_bound(motions_, segment_begin_, {}, &Motion::id);
+  const Motion *begin = motions_.begin(), *end = motions_.end();
+  if (id < segment_begin_ && seam != begin) end = seam;
+  if (id >= segment_begin_ && seam != end) begin = seam;
+  const Motion* after = std::ranges::lower_bound(begin, end, id, {}, &Motion::id);
+  if (after == end) --after;
+  const Motion* before = after == begin || after->id <= id ? after : after - 1;
   if (!before->moved && !after->moved) return std::nullopt;
   if (before == after) return after->T_new_old;
   const double share = static_cast<double>(id - before->id) / static_cast<double>(after->id - before->id);

@@ -27,7 +27,7 @@ class KeyframePoses {
   /// such small steps add up until they count.
   bool correct(const Correction& correction, double tolerance_m);
   /// T_new_old of what hangs on keyframe `id`, after the newest correction; nothing where it stays. A
-  /// keyframe that the correction does not name moves between its neighbours in time.
+  /// keyframe that the correction does not name moves between its neighbours in time of the same segment.
   std::optional<Pose> motion_of(std::uint32_t id) const;
 
  private:
@@ -43,6 +43,7 @@ class KeyframePoses {
   };
   std::span<Entry> entries_;     // by id modulo size
   ArenaVector<Motion> motions_;  // of the newest correction, ascending ids
+  std::uint32_t segment_begin_ = 0;
 };
 
 }  // namespace stillmap

@@ -72,6 +72,7 @@ bool MapCorrector::correct(const Correction& correction) {
   if (phase_ == Phase::Touch) move_copies();  // by the correction before
   if (!poses_.correct(correction, kTolerance * voxel_m_)) {
     if (phase_ == Phase::Touch) begin(Phase::Fuse);
+    if (!busy()) settled_epoch_ = epoch_;
     return false;
   }
   make_old_what_moves();
@@ -123,6 +124,11 @@ void MapCorrector::make_old_what_moves() {
 }
 
 void MapCorrector::step(std::uint16_t frame_mark) {
+  work(frame_mark);
+  if (!busy()) settled_epoch_ = epoch_;
+}
+
+void MapCorrector::work(std::uint16_t frame_mark) {
   const std::span<const KeyframeCopies::Copy> copies = copies_.copies();
   table_.begin_frame(camera_at_);
   switch (phase_) {

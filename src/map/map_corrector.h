@@ -49,6 +49,8 @@ class MapCorrector {
   bool correct(const Correction& correction);
   /// The epoch of the newest correction.
   std::uint32_t epoch() const { return epoch_; }
+  /// The epoch of the newest correction that all blocks follow.
+  std::uint32_t settled_epoch() const { return settled_epoch_; }
   /// Where the map has a keyframe in this epoch; null where it does not know it.
   const Pose* keyframe(std::uint32_t id) const { return poses_.find(id); }
 
@@ -59,6 +61,7 @@ class MapCorrector {
  private:
   enum class Phase : std::uint8_t { Done, Touch, Fuse, Move };
 
+  void work(std::uint16_t frame_mark);
   void make_old_what_moves();
   void begin(Phase phase);
   void move_copies();
@@ -85,7 +88,7 @@ class MapCorrector {
   std::span<float> shown_m2_;
   BlockCoordinates camera_at_;  // of the newest frame
   std::uint64_t sequence_ = 0;  // of the newest frame
-  std::uint32_t epoch_ = 0;
+  std::uint32_t epoch_ = 0, settled_epoch_ = 0;
   std::uint32_t since_epoch_ = 0;  // copies go into blocks made in it or later
   Phase phase_ = Phase::Done;
   std::size_t next_copy_ = 0;

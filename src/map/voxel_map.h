@@ -70,6 +70,8 @@ class VoxelMap {
   }
   /// The correction epoch that fused poses have to be of, and where its keyframes are (null: not known).
   std::uint32_t epoch() const { return corrector_.epoch(); }
+  /// The newest correction that all of the map follows: behind `epoch` while `correcting`.
+  std::uint32_t settled_epoch() const { return corrector_.settled_epoch(); }
   const Pose* keyframe(std::uint32_t id) const { return corrector_.keyframe(id); }
 
   /// What is known of a point of the map frame, m.

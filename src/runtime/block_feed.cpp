@@ -33,8 +33,12 @@ void answer(const VoxelMap& map, Nanoseconds stamp_ns, stream::BlockExchange& ex
     if (since == 0 && table.block(slot).occupied == 0) continue;
     if (!exchange.add(stream_block(table, slot))) break;
   }
-  exchange.finish(static_cast<std::uint32_t>(slot), slot >= table.size(), table.changes(), map.voxel_m(),
-                  stamp_ns);
+  exchange.finish({.next = static_cast<std::uint32_t>(slot),
+                   .complete = slot >= table.size(),
+                   .version = table.changes(),
+                   .epoch = map.settled_epoch(),
+                   .voxel_m = map.voxel_m(),
+                   .stamp_ns = stamp_ns});
 }
 
 }  // namespace

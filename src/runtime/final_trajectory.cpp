@@ -17,13 +17,18 @@ void FinalTrajectory::note(const TrackingResult& result, const Pose& T_odom_keyf
 void FinalTrajectory::correct(const Correction& correction) {
   Pose T_now_before;  // of the nearest one before that is still known
   bool any = false;
+  std::size_t begin = 0;  // of the segment
   for (std::size_t i = 0; i < keyframes_.size(); ++i) {
     Correction::KeyframePose& keyframe = keyframes_[i];
+    if (any && keyframe.id >= correction.segment_begin && keyframes_[begin].id < correction.segment_begin) {
+      begin = i;
+      any = false;
+    }
     const auto known = std::find_if(correction.keyframes.begin(), correction.keyframes.end(),
                                     [&](const auto& k) { return k.id == keyframe.id; });
     if (known != correction.keyframes.end()) {
       T_now_before = known->T_map_camera * inverse(keyframe.T_map_camera);
-      for (std::size_t w = any ? i : 0; w < i; ++w)  // those before the first that is known
+      for (std::size_t w = any ? i : begin; w < i; ++w)  // those before the first that is known
         keyframes_[w].T_map_camera = T_now_before * keyframes_[w].T_map_camera;
       any = true;
       keyframe.T_map_camera = known->T_map_camera;

@@ -23,7 +23,8 @@ class FinalTrajectory {
 
   /// A frame with a pose; T_odom_keyframe is its reference keyframe's now.
   void note(const TrackingResult& result, const Pose& T_odom_keyframe);
-  /// Keyframes have moved. Those that the tracker has let go of move with the nearest that it still has.
+  /// Keyframes have moved. Those that the tracker has let go of move with the nearest of their segment that
+  /// it still has.
   void correct(const Correction& correction);
   std::vector<StampedPose> poses() const;
 

@@ -95,12 +95,14 @@ void MapStage::fuse(const FrameSlot& frame, const RecentPose& tracked, const Dyn
 }
 
 void MapStage::answer_cloud_request(StreamServer& server) {
-  const std::uint64_t fused = map_.fused_frames();
-  if (fused == cloud_of_fusion_ || !server.cloud_wanted()) return;
+  const std::uint64_t change = map_.blocks().changes();
+  const std::uint32_t epoch = map_.settled_epoch();
+  if ((change == cloud_of_change_ && epoch == cloud_of_epoch_) || !server.cloud_wanted()) return;
   const std::span<CloudPoint> room = server.begin_cloud();
   if (room.empty()) return;
-  server.publish_cloud(make_cloud(map_, room), newest_ns_);
-  cloud_of_fusion_ = fused;
+  server.publish_cloud(make_cloud(map_, room), newest_ns_, epoch);
+  cloud_of_change_ = change;
+  cloud_of_epoch_ = epoch;
 }
 
 }  // namespace stillmap

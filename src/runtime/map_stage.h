@@ -90,7 +90,9 @@ class MapStage {
   DynamicMask mask_;
   FuseCounts counts_;
   LatencyHistogram fuse_time_;
-  std::uint64_t last_fused_sequence_ = 0, cloud_of_fusion_ = 0;
+  std::uint64_t last_fused_sequence_ = 0;
+  std::uint64_t cloud_of_change_ = 0;  // the table's `changes()` when the newest cloud was made
+  std::uint32_t cloud_of_epoch_ = 0;
 };
 
 }  // namespace stillmap

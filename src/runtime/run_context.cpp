@@ -36,8 +36,8 @@ void publish(RunContext& context, const TrackingResult& result) {
   }
   if (!result.has_pose()) return;
   const Pose T_base_camera = track.T_base_camera();
-  server.publish_pose(
-      {result.stamp_ns, result.T_map_odom, result.T_odom_camera * inverse(T_base_camera), T_base_camera});
+  server.publish_pose({result.stamp_ns, result.T_map_odom, result.T_odom_camera * inverse(T_base_camera),
+                       T_base_camera, result.correction_epoch});
 }
 
 /// Tells the map and the final trajectory where keyframes are since the last correction; where the map has

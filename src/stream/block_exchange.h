@@ -16,6 +16,16 @@ struct BlockRequest {
   std::uint32_t cursor = 0;
 };
 
+/// What the map's thread says beside the blocks.
+struct BlockAnswer {
+  std::uint32_t next = 0;     ///< the slot to go on with
+  bool complete = false;      ///< there is none
+  std::uint64_t version = 0;  ///< what the map's newest change counts as, of a scan that began no later
+  std::uint32_t epoch = 0;    ///< the newest correction that the whole map follows
+  double voxel_m = 0;
+  Nanoseconds stamp_ns = 0;
+};
+
 /// One client's buffer for /map/blocks. The map's thread answers a request with as many blocks as fit; the
 /// client is sent them, and the next request asks from where that answer ended. A pass through all slots
 /// brings what has changed since the pass before began; a slow client's passes take longer, and each brings
@@ -38,15 +48,9 @@ class BlockExchange {
     used_ += bytes;
     return bytes > 0;
   }
-  /// Map thread. `next`: the slot to go on with; `complete`: there is none; `version`: what the map's newest
-  /// change counts as, of a scan that began no later than now.
-  void finish(std::uint32_t next, bool complete, std::uint64_t version, double voxel_m,
-              Nanoseconds stamp_ns) {
-    next_ = next;
-    complete_ = complete;
-    version_ = version;
-    voxel_m_ = voxel_m;
-    stamp_ns_ = stamp_ns;
+  /// Map thread.
+  void finish(const BlockAnswer& answer) {
+    answer_ = answer;
     turn_.finish();
   }
 
@@ -59,22 +63,14 @@ class BlockExchange {
   bool answered() const { return turn_.readable(); }
   /// Stream thread, once answered.
   std::span<const std::uint8_t> blocks() const { return memory_.first(used_); }
-  std::uint32_t next() const { return next_; }
-  bool complete() const { return complete_; }
-  std::uint64_t version() const { return version_; }
-  double voxel_m() const { return voxel_m_; }
-  Nanoseconds stamp_ns() const { return stamp_ns_; }
+  const BlockAnswer& answer() const { return answer_; }
 
  private:
   Handover turn_;
   std::span<std::uint8_t> memory_;
   BlockRequest request_;
   std::size_t used_ = 0;
-  std::uint32_t next_ = 0;
-  bool complete_ = false;
-  std::uint64_t version_ = 0;
-  double voxel_m_ = 0;
-  Nanoseconds stamp_ns_ = 0;
+  BlockAnswer answer_;
 };
 
 }  // namespace stillmap::stream

@@ -113,7 +113,9 @@ bool ClientSession::owed_cloud(const CloudExchange& cloud) const {
 void ClientSession::ask_for_blocks(Nanoseconds now_ns) {
   if (!subscribed(Channel::Blocks)) return;
   BlockPass& pass = block_pass_;
-  if (blocks_pending() && blocks_->blocks().empty() && blocks_->complete() && !pass.snapshot && !pass.begun)
+  const BlockAnswer& answer = blocks_->answer();
+  if (blocks_pending() && blocks_->blocks().empty() && answer.complete && !pass.snapshot && !pass.begun &&
+      answer.epoch == pass.epoch)
     end_block_answer();  // nothing has changed since the last pass: nothing to tell
   // Not answered: the request of the client before is still at work.
   if (pass.asked || !blocks_->answered()) return;
@@ -127,10 +129,11 @@ void ClientSession::ask_for_blocks(Nanoseconds now_ns) {
 
 void ClientSession::end_block_answer() {
   BlockPass& pass = block_pass_;
+  const BlockAnswer& answer = blocks_->answer();
   pass.asked = false;
-  if (!pass.begun) pass.version = blocks_->version();
-  pass.begun = !blocks_->complete();
-  pass.next.cursor = pass.begun ? blocks_->next() : 0;
+  if (!pass.begun) pass.version = answer.version;
+  pass.begun = !answer.complete;
+  pass.next.cursor = pass.begun ? answer.next : 0;
   if (pass.begun) return;
   pass.next.since = pass.version;
   pass.snapshot = false;
@@ -192,14 +195,18 @@ Chunk ClientSession::next_item(Channel channel, const Topic& topic, std::span<st
 }
 
 Chunk ClientSession::next_blocks(std::span<std::uint8_t> out) {
+  const BlockAnswer& answer = blocks_->answer();
+  BlockPass& pass = block_pass_;
+  if (!pass.begun) pass.epoch = answer.epoch;
   write_message_header(out.first<kMessageHeaderBytes>(), *subscriptions_[index_of(Channel::Blocks)],
-                       blocks_->stamp_ns());
+                       answer.stamp_ns);
   std::size_t bytes = kMessageHeaderBytes;
-  bytes += encode_blocks_envelope({.stamp_ns = blocks_->stamp_ns(),
-                                   .voxel_m = blocks_->voxel_m(),
-                                   .sequence = block_pass_.sequence++,
-                                   .snapshot = block_pass_.snapshot,
-                                   .complete = blocks_->complete()},
+  bytes += encode_blocks_envelope({.stamp_ns = answer.stamp_ns,
+                                   .voxel_m = answer.voxel_m,
+                                   .sequence = pass.sequence++,
+                                   .snapshot = pass.snapshot,
+                                   .complete = answer.complete,
+                                   .epoch = pass.epoch},
                                   out.subspan<kMessageHeaderBytes, kMaxBlocksEnvelopeBytes>());
   std::ranges::copy(blocks_->blocks(), out.begin() + static_cast<std::ptrdiff_t>(bytes));
   bytes += blocks_->blocks().size();
@@ -218,7 +225,7 @@ Chunk ClientSession::next_cloud_chunk(const Feed& feed, std::span<std::uint8_t> 
     const Nanoseconds stamp_ns = feed.cloud.stamp_ns();
     write_message_header(out.first<kMessageHeaderBytes>(), *subscriptions_[index_of(Channel::Map)], stamp_ns);
     chunk.bytes = kMessageHeaderBytes +
-                  encode_cloud_envelope(feed.cloud.points().size(), stamp_ns,
+                  encode_cloud_envelope(feed.cloud.points().size(), stamp_ns, feed.cloud.epoch(),
                                         out.subspan<kMessageHeaderBytes, kMaxCloudEnvelopeBytes>());
   }
   const std::size_t bytes = std::min(points.size() - cloud_offset_, out.size() - chunk.bytes);

@@ -111,6 +111,7 @@ class ClientSession {
   struct BlockPass {
     BlockRequest next;
     std::uint64_t version = 0;   ///< of the map when this pass began
+    std::uint32_t epoch = 0;     ///< likewise; once it is over, what the client was told last
     std::uint64_t sequence = 0;  ///< messages so far
     bool snapshot = true, begun = false;
     bool asked = false;  ///< the exchange's request is this client's

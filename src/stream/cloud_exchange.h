@@ -21,11 +21,12 @@ class CloudExchange {
   bool wanted() const { return turn_.wanted(); }
   /// Map thread. The whole buffer, to be followed by publish(); empty when it is not wanted (any more).
   std::span<CloudPoint> begin() { return turn_.begin() ? memory_ : std::span<CloudPoint>(); }
-  /// Map thread.
-  void publish(std::size_t points, Nanoseconds stamp_ns) {
+  /// Map thread. `epoch`: the newest correction that all of the points follow.
+  void publish(std::size_t points, Nanoseconds stamp_ns, std::uint32_t epoch) {
     STILLMAP_CHECK(turn_.begun() && points <= memory_.size());
     points_ = points;
     stamp_ns_ = stamp_ns;
+    epoch_ = epoch;
     generation_.store(generation_.load(std::memory_order_relaxed) + 1, std::memory_order_relaxed);
     turn_.finish();
   }
@@ -37,6 +38,7 @@ class CloudExchange {
   /// Stream thread, while readable.
   std::span<const CloudPoint> points() const { return memory_.first(points_); }
   Nanoseconds stamp_ns() const { return stamp_ns_; }
+  std::uint32_t epoch() const { return epoch_; }
   /// Stream thread. Counts the clouds; 0 before the first.
   std::uint64_t generation() const { return generation_.load(std::memory_order_relaxed); }
 
@@ -45,6 +47,7 @@ class CloudExchange {
   std::span<CloudPoint> memory_;
   std::size_t points_ = 0;
   Nanoseconds stamp_ns_ = 0;
+  std::uint32_t epoch_ = 0;
   std::atomic<std::uint64_t> generation_{0};
 };
 

@@ -63,6 +63,7 @@ void write_message_header(std::span<std::uint8_t, kMessageHeaderBytes> out, std:
 
 std::size_t encode_transforms(const StreamPose& pose, std::span<std::uint8_t, kMaxTransformsBytes> out) {
   foxglove_FrameTransforms message = foxglove_FrameTransforms_init_zero;
+  message.epoch = pose.epoch;
   add_transform(message, pose.stamp_ns, kMapFrame, kOdomFrame, pose.T_map_odom);
   add_transform(message, pose.stamp_ns, kOdomFrame, kBaseFrame, pose.T_odom_base);
   add_transform(message, pose.stamp_ns, kBaseFrame, kCameraFrame, pose.T_base_camera);
@@ -75,6 +76,7 @@ std::size_t encode_pose(const StreamPose& pose, std::span<std::uint8_t, kMaxPose
   foxglove_PoseInFrame message = foxglove_PoseInFrame_init_zero;
   set_stamp(message, pose.stamp_ns);
   message.has_pose = true;
+  message.epoch = pose.epoch;
   set_text(message.frame_id, kMapFrame);
   set_pose(message.pose, pose.T_map_odom * pose.T_odom_base * pose.T_base_camera);
   pb_ostream_t stream = stream_into(out);
@@ -82,7 +84,7 @@ std::size_t encode_pose(const StreamPose& pose, std::span<std::uint8_t, kMaxPose
   return stream.bytes_written;
 }
 
-std::size_t encode_cloud_envelope(std::size_t points, Nanoseconds stamp_ns,
+std::size_t encode_cloud_envelope(std::size_t points, Nanoseconds stamp_ns, std::uint32_t epoch,
                                   std::span<std::uint8_t, kMaxCloudEnvelopeBytes> out) {
   foxglove_PointCloud message = foxglove_PointCloud_init_zero;
   set_stamp(message, stamp_ns);
@@ -90,6 +92,7 @@ std::size_t encode_cloud_envelope(std::size_t points, Nanoseconds stamp_ns,
   set_text(message.frame_id, kMapFrame);
   set_pose(message.pose, Pose{});
   message.point_stride = sizeof(CloudPoint);
+  message.epoch = epoch;
   add_field(message, "x", offsetof(CloudPoint, x), foxglove_PackedElementField_NumericType_FLOAT32);
   add_field(message, "y", offsetof(CloudPoint, y), foxglove_PackedElementField_NumericType_FLOAT32);
   add_field(message, "z", offsetof(CloudPoint, z), foxglove_PackedElementField_NumericType_FLOAT32);
@@ -131,6 +134,7 @@ std::size_t encode_blocks_envelope(const BlocksEnvelope& envelope,
   message.sequence = envelope.sequence;
   message.snapshot = envelope.snapshot;
   message.complete = envelope.complete;
+  message.epoch = envelope.epoch;
   pb_ostream_t stream = stream_into(out);
   STILLMAP_CHECK(pb_encode(&stream, stillmap_MapBlocks_fields, &message));
   return stream.bytes_written;

@@ -24,7 +24,7 @@ std::size_t encode_transforms(const StreamPose& pose, std::span<std::uint8_t, kM
 std::size_t encode_pose(const StreamPose& pose, std::span<std::uint8_t, kMaxPoseBytes> out);
 /// foxglove.PointCloud up to its data: `points` CloudPoints, as they lie in memory, complete the message.
 /// Returns the bytes written.
-std::size_t encode_cloud_envelope(std::size_t points, Nanoseconds stamp_ns,
+std::size_t encode_cloud_envelope(std::size_t points, Nanoseconds stamp_ns, std::uint32_t epoch,
                                   std::span<std::uint8_t, kMaxCloudEnvelopeBytes> out);
 
 constexpr std::size_t kMaxBlocksEnvelopeBytes = 64, kMaxHealthMessageBytes = 256, kMaxLogBytes = 256;
@@ -37,6 +37,7 @@ struct BlocksEnvelope {
   double voxel_m = 0;
   std::uint64_t sequence = 0;
   bool snapshot = false, complete = false;
+  std::uint32_t epoch = 0;
 };
 /// stillmap.MapBlocks up to its blocks, which complete the message. Returns the bytes written.
 std::size_t encode_blocks_envelope(const BlocksEnvelope& envelope,

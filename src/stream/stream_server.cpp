@@ -76,8 +76,8 @@ std::span<CloudPoint> StreamServer::begin_cloud() {
   return impl_->feed.cloud.begin();
 }
 
-void StreamServer::publish_cloud(std::size_t points, Nanoseconds stamp_ns) {
-  impl_->feed.cloud.publish(points, stamp_ns);
+void StreamServer::publish_cloud(std::size_t points, Nanoseconds stamp_ns, std::uint32_t epoch) {
+  impl_->feed.cloud.publish(points, stamp_ns, epoch);
   impl_->web.wake();
 }
 

@@ -57,8 +57,9 @@ class StreamServer {
   /// Map thread. Room for kMaxCloudPoints points, to be followed by `publish_cloud`; empty when no cloud is
   /// wanted any more.
   std::span<CloudPoint> begin_cloud();
-  /// Map thread. Hands over the first `points` of them.
-  void publish_cloud(std::size_t points, Nanoseconds stamp_ns);
+  /// Map thread. Hands over the first `points` of them; `epoch` is the newest correction that all of them
+  /// follow.
+  void publish_cloud(std::size_t points, Nanoseconds stamp_ns, std::uint32_t epoch);
 
   /// Map thread. Each client's wishes for the map's blocks: answer those that `begin()`, then call
   /// `blocks_answered()` once.

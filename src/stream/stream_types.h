@@ -22,6 +22,7 @@ namespace stillmap {
 struct StreamPose {
   Nanoseconds stamp_ns = 0;
   Pose T_map_odom{}, T_odom_base{}, T_base_camera{};
+  std::uint32_t epoch = 0;  ///< corrections so far; T_map_odom is of this one
 };
 
 /// The most points that one cloud holds; a bigger map is coarsened by its owner.

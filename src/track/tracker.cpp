@@ -188,6 +188,7 @@ void Tracker::start_map(const FrameSlot& slot) {
   if (usable < kFewestToStart) return;
   std::fill(matches_.begin(), matches_.end(), FeatureMatch{});
   map_.begin_segment();
+  segment_begin_ = map_.first_keyframe_of_segment();
   ++result_.segment;
   result_.state = TrackState::Tracking;
   result_.inliers = static_cast<int>(usable);
@@ -374,6 +375,7 @@ void Tracker::close_loops(std::uint64_t sequence) {
 
 void Tracker::describe_keyframes(Correction& out) const {
   out.epoch = result_.correction_epoch;
+  out.segment_begin = segment_begin_;
   out.keyframes.clear();
   for (const Keyframe& keyframe : map_.keyframes()) {
     if (keyframe.alive)

@@ -134,6 +134,7 @@ class Tracker {
   std::optional<PosePrior> prior_;  // of this frame, for when its features alone are not enough
   Pose T_odom_keyframe_;
   int keyframe_points_ = 0;
+  std::uint32_t segment_begin_ = 0;  // the newest segment's first keyframe
   Nanoseconds keyframe_ns_ = 0;
   Nanoseconds lost_since_ns_ = 0;  // first frame of this loss in which there was enough to see; 0: none
 };

@@ -238,6 +238,11 @@ TEST_F(RoomTest, UntilItsTurnAnOldBlockShowsWhereItWas) {
   t.map().correct(the_truth());
   EXPECT_EQ(quality(t.map()).voxels, before.voxels);
   EXPECT_EQ(t.map().at(bent_pose(0) * Vec3{0, 0, 2.59}), Occupancy::Occupied);
+  while (t.map().correcting()) {
+    EXPECT_EQ(t.map().settled_epoch(), 0u) << "some of it is still where it was";
+    t.map().continue_correction();
+  }
+  EXPECT_EQ(t.map().settled_epoch(), 1u);
 }
 
 TEST_F(RoomTest, ASecondCorrectionInTheMiddleOfTheFirstEndsRight) {
@@ -255,8 +260,10 @@ TEST_F(RoomTest, ASecondCorrectionInTheMiddleOfTheFirstEndsRight) {
   for (int i = 0; i < 34; ++i) t.map().continue_correction();  // some blocks have moved, some wait
   ASSERT_TRUE(t.map().correcting());
   t.map().correct(the_truth(2));
+  EXPECT_EQ(t.map().settled_epoch(), 0u) << "the first was never done";
   finish(t.map());
   EXPECT_EQ(t.map().epoch(), 2u);
+  EXPECT_EQ(t.map().settled_epoch(), 2u);
   EXPECT_LT(quality(t.map()).mean_error_m, 0.04);
   EXPECT_GT(recall(truth.map(), t.map()), 0.93);
   expect_sound(t.map());
@@ -276,6 +283,7 @@ TEST_F(RoomTest, StepsTooSmallToSeeAreTakenTogether) {
     }
     t.map().correct(creep);
     EXPECT_EQ(t.map().correcting(), epoch == 3);
+    EXPECT_EQ(t.map().settled_epoch(), std::min(epoch, 2u)) << "what is not worth moving is followed";
     if (epoch < 3) {
       EXPECT_EQ(test::bytes_of(t.map()), before);
     }
@@ -314,6 +322,24 @@ TEST(KeyframePoses, AKeyframeThatIsNotNamedMovesBetweenItsNeighbours) {
   correction.keyframes.clear();
   EXPECT_FALSE(poses.correct(correction, 0.02));
   EXPECT_FALSE(poses.motion_of(15));
+}
+
+TEST(KeyframePoses, ASegmentMovesWithoutTheOneBefore) {
+  Arena arena(8 << 20);
+  KeyframePoses poses(arena);
+  for (std::uint32_t id = 10; id <= 20; ++id) poses.learn(id, {});
+  static Correction correction;
+  correction.segment_begin = 16;
+  ASSERT_TRUE(correction.keyframes.try_push_back({10, {}}));
+  ASSERT_TRUE(correction.keyframes.try_push_back({18, {{}, {3, 0, 0}}}));
+  ASSERT_TRUE(poses.correct(correction, 0.02));
+  EXPECT_FALSE(poses.motion_of(15)) << "the last of the first segment";
+  EXPECT_NEAR(poses.motion_of(16)->t.x, 3, 1e-12);
+  EXPECT_NEAR(poses.find(17)->t.x, 3, 1e-12);
+  correction.keyframes.clear();
+  ASSERT_TRUE(correction.keyframes.try_push_back({18, {{}, {4, 0, 0}}}));
+  ASSERT_TRUE(poses.correct(correction, 0.02));
+  EXPECT_NEAR(poses.motion_of(10)->t.x, 1, 1e-12) << "with the nearest that there is";
 }
 
 TEST(KeyframeCopies, TheCopyWhoseViewAnotherRepeatsGivesWay) {

@@ -46,9 +46,10 @@ struct BlockFeedTest : testing::Test {
       exchange.ask(request);
       feed_blocks(map, 7, server);
       EXPECT_TRUE(exchange.answered());
-      if (request.cursor == 0) begun = exchange.version();
-      EXPECT_TRUE(exchange.complete() || exchange.next() > request.cursor) << "each answer goes on";
-      request.cursor = exchange.next();
+      if (request.cursor == 0) begun = exchange.answer().version;
+      EXPECT_TRUE(exchange.answer().complete || exchange.answer().next > request.cursor)
+          << "each answer goes on";
+      request.cursor = exchange.answer().next;
       for (std::span<const std::uint8_t> rest = exchange.blocks(); !rest.empty();) {
         // Tag, two bytes of length at most, then the slot as the first field unless it is 0.
         std::size_t at = 1, length = rest[at] & 127;
@@ -59,7 +60,7 @@ struct BlockFeedTest : testing::Test {
         ++slots[slot];
         rest = rest.subspan(at + length);
       }
-    } while (!exchange.complete());
+    } while (!exchange.answer().complete);
     version = begun;
     return slots;
   }

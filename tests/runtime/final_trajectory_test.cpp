@@ -60,6 +60,18 @@ TEST_F(FinalTrajectoryTest, KeyframesThatAreGoneMoveWithTheirNeighbours) {
   EXPECT_EQ(xs(), (std::vector<double>{11, 11.5, 12, 12.5, 13, 13.5, 24, 24.5, 25, 25.5}));
 }
 
+TEST_F(FinalTrajectoryTest, ASegmentMovesWithoutTheOneBefore) {
+  correction_->segment_begin = 3;
+  move(2, 2);
+  move(5, 105);
+  trajectory_.correct(*correction_);
+  EXPECT_EQ(xs(), (std::vector<double>{1, 1.5, 2, 2.5, 103, 103.5, 104, 104.5, 105, 105.5}));
+  correction_->keyframes.clear();  // the first segment is gone: it moves with what there is
+  move(5, 205);
+  trajectory_.correct(*correction_);
+  EXPECT_EQ(xs(), (std::vector<double>{101, 101.5, 102, 102.5, 203, 203.5, 204, 204.5, 205, 205.5}));
+}
+
 TEST_F(FinalTrajectoryTest, CorrectionsAddUp) {
   move(5, 6);
   trajectory_.correct(*correction_);

@@ -50,20 +50,20 @@ struct ClientSessionTest : testing::Test {
   }
   /// The map's answer to what the session asks for: nothing (false), or these slots.
   bool answer(const std::vector<std::uint32_t>& slots, std::uint32_t next, bool complete,
-              std::uint64_t version) {
+              std::uint64_t version, std::uint32_t epoch = 0) {
     session.ask_for_blocks(now);
     if (!blocks.begin()) return false;
     asked = blocks.request();
     for (const std::uint32_t slot : slots) EXPECT_TRUE(blocks.add({.slot = slot, .count = 1}));
-    blocks.finish(next, complete, version, 0.04, 5);
+    blocks.finish({next, complete, version, epoch, 0.04, 5});
     session.ask_for_blocks(now);
     return true;
   }
-  void publish_cloud(std::size_t points, Nanoseconds stamp_ns) {
+  void publish_cloud(std::size_t points, Nanoseconds stamp_ns, std::uint32_t epoch = 0) {
     cloud.offer();
     const std::span<CloudPoint> to = cloud.begin();
     for (std::size_t i = 0; i < points; ++i) to[i].x = static_cast<float>(i);
-    cloud.publish(points, stamp_ns);
+    cloud.publish(points, stamp_ns, epoch);
   }
   /// The next whole message; empty when nothing is pending.
   Message take() {
@@ -151,7 +151,7 @@ TEST_F(ClientSessionTest, ABusyMomentLosesNothing) {
 
 TEST_F(ClientSessionTest, TheCloudComesInChunksThatMakeOneMessage) {
   take_all();
-  publish_cloud(5000, 7);
+  publish_cloud(5000, 7, 2);
   tell(R"({"op":"subscribe","subscriptions":[{"id":9,"channelId":3}]})");
   EXPECT_TRUE(session.owed_cloud(cloud));
   const Message message = take();
@@ -163,6 +163,7 @@ TEST_F(ClientSessionTest, TheCloudComesInChunksThatMakeOneMessage) {
   ASSERT_FALSE(decoded.broken());
   const std::string points(reinterpret_cast<const char*>(memory.data()), 80'000);
   EXPECT_TRUE(decoded.text(6) == points);
+  EXPECT_EQ(decoded.number<std::uint64_t>(1000), 2U);
   EXPECT_TRUE(take_all().empty());
   EXPECT_FALSE(session.owed_cloud(cloud));
 }
@@ -376,6 +377,27 @@ TEST_F(ClientSessionTest, BlocksComeAsASnapshotAndThenAsPassesOverWhatChanged) {
   EXPECT_TRUE(take_all().empty()) << "nothing has changed, nothing is sent";
 }
 
+TEST_F(ClientSessionTest, APassBearsTheEpochOfItsBeginning) {
+  take_all();
+  tell(R"({"op":"subscribe","subscriptions":[{"id":4,"channelId":4}]})");
+  const auto epoch = [&] {
+    const Message message = take();
+    const auto* bytes = reinterpret_cast<const std::uint8_t*>(message.bytes.data());
+    return test::WireMessage(std::span(bytes, message.bytes.size()).subspan(kMessageHeaderBytes))
+        .number<std::uint64_t>(8);
+  };
+  ASSERT_TRUE(answer({0}, 1, false, 10, 2));
+  EXPECT_EQ(epoch(), 2U);
+  ASSERT_TRUE(answer({1}, 2, true, 11, 3));
+  EXPECT_EQ(epoch(), 2U) << "slot 0 may be as it was before the correction";
+  now += ClientSession::kBlockPass_ns;
+  ASSERT_TRUE(answer({}, 2, true, 11, 3));
+  EXPECT_EQ(epoch(), 3U) << "a new epoch is told though no block has changed";
+  now += ClientSession::kBlockPass_ns;
+  ASSERT_TRUE(answer({}, 2, true, 11, 3));
+  EXPECT_TRUE(take_all().empty()) << "it is told once";
+}
+
 TEST_F(ClientSessionTest, AnEmptyMapIsASnapshotToo) {
   take_all();
   tell(R"({"op":"subscribe","subscriptions":[{"id":4,"channelId":4}]})");
@@ -392,7 +414,7 @@ TEST_F(ClientSessionTest, BlocksThatTheClientBeforeAskedForAreNotItsSuccessors) 
   take_all();
   tell(R"({"op":"subscribe","subscriptions":[{"id":4,"channelId":4}]})");
   session.ask_for_blocks(now);
-  blocks.finish(9, false, 99, 0.04, 5);
+  blocks.finish({9, false, 99, 0, 0.04, 5});
   EXPECT_TRUE(take_all().empty());
   ASSERT_TRUE(answer({0}, 1, true, 1));
   EXPECT_EQ(asked.cursor, 0U);

@@ -24,10 +24,11 @@ TEST(CloudExchange, GoesAroundAndCounts) {
   cloud.offer();
   cloud.reclaim();  // too late for both
   EXPECT_FALSE(cloud.readable());
-  cloud.publish(3, 99);
+  cloud.publish(3, 99, 4);
   EXPECT_TRUE(cloud.readable());
   EXPECT_EQ(cloud.points().size(), 3U);
   EXPECT_EQ(cloud.stamp_ns(), 99);
+  EXPECT_EQ(cloud.epoch(), 4U);
   EXPECT_EQ(cloud.generation(), 1U);
 }
 
@@ -36,7 +37,7 @@ TEST(CloudExchange, AnOfferCanBeTakenBackAndTheOldCloudIsStillThere) {
   CloudExchange cloud(memory);
   cloud.offer();
   cloud.begin()[0].x = 5;
-  cloud.publish(1, 1);
+  cloud.publish(1, 1, 0);
   cloud.offer();
   cloud.reclaim();
   EXPECT_TRUE(cloud.readable());
@@ -54,10 +55,10 @@ TEST(CloudExchange, WithoutMemoryNothingIsEverFilled) {
 TEST(CloudExchangeDeathTest, PublishingWhatWasNotBegunIsABug) {
   std::vector<CloudPoint> memory(4);
   CloudExchange cloud(memory);
-  EXPECT_DEATH(cloud.publish(1, 1), "bug");
+  EXPECT_DEATH(cloud.publish(1, 1, 0), "bug");
   cloud.offer();
   cloud.begin();
-  EXPECT_DEATH(cloud.publish(5, 1), "bug");
+  EXPECT_DEATH(cloud.publish(5, 1, 0), "bug");
 }
 
 TEST(CloudExchange, TwoThreadsNeverTouchTheBufferAtOnce) {
@@ -72,7 +73,7 @@ TEST(CloudExchange, TwoThreadsNeverTouchTheBufferAtOnce) {
         continue;
       }
       for (CloudPoint& point : points) point.x = static_cast<float>(n);
-      cloud.publish(points.size() - static_cast<std::size_t>(n % 8), n);
+      cloud.publish(points.size() - static_cast<std::size_t>(n % 8), n, 0);
       ++n;
     }
   });

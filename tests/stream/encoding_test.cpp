@@ -22,6 +22,7 @@ StreamPose some_pose() {
   pose.T_map_odom = {rotation_from({.w = std::sqrt(0.5), .z = std::sqrt(0.5)}), {1, 2, 3}};
   pose.T_odom_base.t = {4, 0, 0};
   pose.T_base_camera = {rotation_from({.w = 0.5, .x = -0.5, .y = 0.5, .z = -0.5}), {0, 0, 0.5}};
+  pose.epoch = 300;
   return pose;
 }
 
@@ -44,6 +45,7 @@ TEST(Encoding, PoseIsTheCameraInTheMap) {
   EXPECT_EQ(message.message(1).number<std::uint64_t>(1), 1'700'000'000U);
   EXPECT_EQ(message.message(1).number<std::uint64_t>(2), 123'456'789U);
   EXPECT_EQ(message.text(2), "map");
+  EXPECT_EQ(message.number<std::uint64_t>(1000), 300U);
   expect_xyz(message.message(3).message(1), 1, 2 + 4, 3.5);  // 90 degrees about z: x of odom is y of map
   const Quaternion expected = quaternion_from(some_pose().T_map_odom.R * some_pose().T_base_camera.R);
   expect_xyz(message.message(3).message(2), expected.x, expected.y, expected.z);
@@ -55,6 +57,7 @@ TEST(Encoding, TransformsAreTheChainFromMapToCamera) {
   const WireMessage message{std::span(buffer).first(encode_transforms(some_pose(), buffer))};
   ASSERT_FALSE(message.broken());
   ASSERT_EQ(message.count(1), 3U);
+  EXPECT_EQ(message.number<std::uint64_t>(1000), 300U);
   const char* const names[] = {"map", "odom", "base", "camera"};
   for (std::size_t i = 0; i < 3; ++i) {
     EXPECT_EQ(message.message(1, i).message(1).number<std::uint64_t>(2), 123'456'789U);
@@ -81,6 +84,7 @@ TEST(Encoding, TheLargestValuesFit) {
   constexpr double kHuge = std::numeric_limits<double>::max();
   StreamPose pose;
   pose.stamp_ns = std::numeric_limits<Nanoseconds>::min();
+  pose.epoch = std::numeric_limits<std::uint32_t>::max();
   for (Pose* T : {&pose.T_map_odom, &pose.T_odom_base, &pose.T_base_camera}) {
     T->t = {kHuge, -kHuge, std::nan("")};
     T->R = some_pose().T_base_camera.R;
@@ -90,13 +94,13 @@ TEST(Encoding, TheLargestValuesFit) {
   std::array<std::uint8_t, kMaxCloudEnvelopeBytes> envelope{};
   EXPECT_LE(encode_transforms(pose, transforms), transforms.size());
   EXPECT_LE(encode_pose(pose, poses), poses.size());
-  EXPECT_LE(encode_cloud_envelope(kMaxCloudPoints, pose.stamp_ns, envelope), envelope.size());
+  EXPECT_LE(encode_cloud_envelope(kMaxCloudPoints, pose.stamp_ns, pose.epoch, envelope), envelope.size());
 }
 
 TEST(Encoding, CloudEnvelopeAndPointsAreOnePointCloud) {
   const std::array<CloudPoint, 2> points{{{1, 2, 3, 10, 20, 30, 255}, {-1, -2, -3, 40, 50, 60, 255}}};
   std::array<std::uint8_t, kMaxCloudEnvelopeBytes> envelope{};
-  const std::size_t bytes = encode_cloud_envelope(points.size(), kStamp, envelope);
+  const std::size_t bytes = encode_cloud_envelope(points.size(), kStamp, 300, envelope);
   std::vector<std::uint8_t> whole(envelope.begin(), envelope.begin() + static_cast<std::ptrdiff_t>(bytes));
   const auto* raw = reinterpret_cast<const std::uint8_t*>(points.data());
   whole.insert(whole.end(), raw, raw + sizeof(points));
@@ -104,6 +108,7 @@ TEST(Encoding, CloudEnvelopeAndPointsAreOnePointCloud) {
   const WireMessage message(whole);
   ASSERT_FALSE(message.broken());
   EXPECT_EQ(message.text(2), "map");
+  EXPECT_EQ(message.number<std::uint64_t>(1000), 300U);
   EXPECT_EQ(message.message(3).message(2).number<double>(4), 1.0);  // identity
   EXPECT_EQ(message.number<std::uint32_t>(4), 16U);
   ASSERT_EQ(message.count(5), 7U);
@@ -119,7 +124,7 @@ TEST(Encoding, CloudEnvelopeAndPointsAreOnePointCloud) {
 
 TEST(Encoding, AnEmptyCloudIsAMessageToo) {
   std::array<std::uint8_t, kMaxCloudEnvelopeBytes> envelope{};
-  const WireMessage message{std::span(envelope).first(encode_cloud_envelope(0, kStamp, envelope))};
+  const WireMessage message{std::span(envelope).first(encode_cloud_envelope(0, kStamp, 0, envelope))};
   EXPECT_FALSE(message.broken());
   EXPECT_EQ(message.count(6), 1U);
   EXPECT_EQ(message.text(6), "");

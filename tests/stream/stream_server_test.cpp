@@ -152,7 +152,7 @@ TEST(StreamServer, ServesHttpAndWebSocketFromOneThread) {
   ASSERT_EQ(points.size(), kMaxCloudPoints);
   points[0].x = 1;
   const Nanoseconds before_the_cloud = monotonic_now();
-  server.publish_cloud(1, 5);
+  server.publish_cloud(1, 5, 0);
   server.publish_pose({.stamp_ns = 6});
   EXPECT_NE(serve_until(server, client, std::string("\x02\0\0\0\x06", 5)).find("alpha"), std::string::npos);
   const bool again = server.cloud_wanted();

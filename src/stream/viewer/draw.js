@@ -93,7 +93,7 @@ const kFaces = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6
 function sceneGeometry(now) {
   const segments = [], triangles = [], labels = [];
   const line = (a, b, c) => segments.push(a[0], a[1], a[2], b[0], b[1], b[2], ...c);
-  if (shown.path) for (let i = 1; i < path.length; ++i) line(path[i - 1], path[i], [0.3, 0.76, 1, 0.35 + 0.65 * i / path.length]);
+  if (shown.path) for (let i = 1; i < path.length; ++i) if (!path[i].begins) line(path[i - 1], path[i], [0.3, 0.76, 1, 0.35 + 0.65 * i / path.length]);
   if (camera) {
     const K = calibration?.K, d = 0.22, sx = K ? calibration.width / 2 / K[0] : 0.6, sy = K ? calibration.height / 2 / K[4] : 0.45;
     const corner = [[-1, -1], [1, -1], [1, 1], [-1, 1]].map(([x, y]) => place(camera, [x * sx * d, y * sy * d, d]));

@@ -99,7 +99,7 @@ const kSubscribeAll = '{"op":"subscribe","subscriptions":[' + [1, 2, 3, 4, 5].ma
 function checkPose({ timestamp, message }) {
   const i = Number((timestamp - 1_700_000_000_000_000_000n) / 10_000_000n);
   assert.equal(BigInt(message.timestamp.seconds) * 1_000_000_000n + BigInt(message.timestamp.nanos), timestamp);
-  assert.equal(message.frameId, "map");
+  assert.deepEqual([message.frameId, message.epoch], ["map", 5]);
   // T_map_odom turns by 90 degrees about z and shifts by (1, 2, 3): x of odom is y of map.
   const { position: p, orientation: q } = message.pose;
   for (const [got, want] of [[p.x, 1], [p.y, 2 + 0.01 * i], [p.z, 3.5], [q.x, 0], [q.y, 0], [q.z, Math.SQRT1_2],
@@ -121,7 +121,7 @@ async function checkPoses(messages, start) {
 function checkCloud({ timestamp, message }) {
   assert.equal(timestamp % 1_000_000_000n, 7n);
   const generation = Number(timestamp / 1_000_000_000n);
-  assert.equal(message.frameId, "map");
+  assert.deepEqual([message.frameId, message.epoch], ["map", 4]);
   assert.equal(message.pointStride, 16);
   assert.deepEqual(message.fields.map((f) => [f.name, f.offset, f.type]), [["x", 0, 7], ["y", 4, 7], ["z", 8, 7],
                    ["red", 12, 1], ["green", 13, 1], ["blue", 14, 1], ["alpha", 15, 1]]);
@@ -172,7 +172,7 @@ afterEach(async () => {
 
 after(() => server.kill());
 
-test("greets with serverInfo and channels whose schemas are the official ones", async () => {
+test("greets with serverInfo and channels whose schemas are the official ones and an epoch", async () => {
   const c = connect();
   await c.ready();
   assert.equal(c.socket.protocol, "foxglove.websocket.v1");
@@ -193,7 +193,8 @@ test("greets with serverInfo and channels whose schemas are the official ones", 
       const official = protobuf.parse(source, { keepCase: true }).root.lookupType(`foxglove.${type.name}`);
       const shape = (t) => Object.fromEntries(t.fieldsArray.map((f) =>
           [f.name.replace(/_([a-z])/g, (_, x) => x.toUpperCase()), [f.id, f.type.split(".").at(-1), f.repeated]]));
-      assert.deepEqual(shape(type), shape(official), type.name);
+      const ours = ["PoseInFrame", "FrameTransforms", "PointCloud"].includes(type.name) ? { epoch: [1000, "uint32", false] } : {};
+      assert.deepEqual(shape(type), { ...shape(official), ...ours }, type.name);
       for (const e of type.nestedArray) assert.deepEqual({ ...e.values }, { ...official.get(e.name).values }, e.name);
     }
   }
@@ -224,6 +225,7 @@ test("poses and transforms arrive every frame, in order, with the values that we
   for (const { timestamp, message } of c.messages.get("/tf")) {
     const i = Number((timestamp - 1_700_000_000_000_000_000n) / 10_000_000n);
     const [odom, base, camera] = message.transforms;
+    assert.equal(message.epoch, 5);
     assert.deepEqual(message.transforms.map((t) => [t.parentFrameId, t.childFrameId]),
                      [["map", "odom"], ["odom", "base"], ["base", "camera"]]);
     assert.ok(Math.abs(base.translation.x - 0.01 * i) < 1e-9 && odom.translation.z === 3 && camera.translation.z === 0.5);
@@ -361,7 +363,7 @@ test("the map's blocks come as a snapshot, then as what changed and what went, i
   const first = messages().findIndex((m) => m.message.complete);
   for (const [i, { message: m }] of messages().entries()) {
     assert.equal(Number(m.sequence ?? 0), i);
-    assert.deepEqual([m.frameId, m.voxelM, Boolean(m.snapshot)], ["map", 0.04, i <= first]);
+    assert.deepEqual([m.frameId, m.voxelM, Boolean(m.snapshot), m.epoch], ["map", 0.04, i <= first, 4]);
     for (const b of m.blocks) slots.set(b.slot, b);
     if (i === first) assert.ok(slots.size >= 299 && slots.has(0) && slots.has(299));
     if (i > first) assert.deepEqual(m.blocks.map((b) => b.slot), [1], "only what changed");

@@ -31,12 +31,15 @@ void* counting_realloc(void* memory, std::size_t bytes, const char*) {
   return std::realloc(memory, bytes);
 }
 
+constexpr std::uint32_t kMapEpoch = 4;
+
 StreamPose pose_at(std::int64_t i) {
   StreamPose pose;
   pose.stamp_ns = 1'700'000'000'000'000'000 + i * 10'000'000;
   pose.T_map_odom = {rotation_from({.w = std::sqrt(0.5), .z = std::sqrt(0.5)}), {1, 2, 3}};
   pose.T_odom_base.t = {0.01 * static_cast<double>(i), 0, 0};
   pose.T_base_camera.t = {0, 0, 0.5};
+  pose.epoch = kMapEpoch + 1;  // the map is still at it
   return pose;
 }
 
@@ -136,7 +139,7 @@ struct Blocks {
             exchange.request().since == 0 || (slot == 1 && version > exchange.request().since);
         if (changed && !exchange.add(block(slot))) break;
       }
-      exchange.finish(slot, slot == end, version, 0.04, 42);
+      exchange.finish({slot, slot == end, version, kMapEpoch, 0.04, 42});
     }
     server.blocks_answered();
   }
@@ -160,7 +163,7 @@ void map(StreamServer& server, int block_count) {
                    .b = byte(16),
                    .a = 255};
     }
-    server.publish_cloud(points.size(), generation * 1'000'000'000 + 7);
+    server.publish_cloud(points.size(), generation * 1'000'000'000 + 7, kMapEpoch);
     ++generation;
   }
 }
