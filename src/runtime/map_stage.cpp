@@ -11,7 +11,8 @@ MapStage::MapStage(Arena& arena, const Config& config, const RayTable& rays, boo
       map_(arena, config.map, config.camera, rays),
       copier_(arena),
       corrections_(arena.take<Mailbox<Correction>>("correction", 1)),
-      has_detector_(has_detector) {}
+      has_detector_(has_detector),
+      sightings_(config.camera) {}
 
 bool MapStage::resume(const BlockTable& blocks, std::span<const Keyframe> keyframes) {
   if (!map_.load(blocks)) return false;
@@ -58,11 +59,20 @@ void MapStage::take_frame(PosedFrame&& posed) {
       newest_ns_ - last_boxes_ns_ > static_cast<Nanoseconds>(config_.detector.max_age_ms) * 1'000'000;
   if (!posed.frame || (has_detector_ && !posed.boxes_are_its_own && !detector_silent))
     return;  // its own boxes are on their way
+  const DynamicMask& mask = posed.boxes_are_its_own ? mask_of_counting(posed) : posed.mask;
   if (due(posed.sequence)) {
-    fuse(*posed.frame, pose, posed.mask);
+    fuse(*posed.frame, pose, mask);
     (posed.boxes_are_its_own ? counts_.own_boxes : counts_.carried_boxes) += 1;
   }
   posed.frame.reset();
+}
+
+const DynamicMask& MapStage::mask_of_counting(const PosedFrame& posed) {
+  if (posed.mask.rule != DynamicRule::Silhouette) return posed.mask;
+  boxes_ = posed.mask.boxes;
+  if (!sightings_.filter(boxes_, posed.T_map_colour)) return posed.mask;
+  segment(boxes_, posed.frame->depth, config_.camera, posed.mask.rule, mask_);
+  return mask_;
 }
 
 void MapStage::take_detected(DetectedFrame&& detected) {
@@ -71,7 +81,12 @@ void MapStage::take_detected(DetectedFrame&& detected) {
   const RecentPose& pose = recent_[slot_of(frame.sequence)];
   if (pose.sequence != frame.sequence) {
     ++counts_.unposed;
-  } else if (due(frame.sequence)) {
+    detected.frame.reset();
+    return;
+  }
+  if (config_.track.dynamic_rule == DynamicRule::Silhouette)
+    sightings_.filter(detected.boxes, in_map(pose).T_map_colour);
+  if (due(frame.sequence)) {
     segment(detected.boxes, frame.depth, config_.camera, config_.track.dynamic_rule, mask_);
     fuse(frame, pose, mask_);
     ++counts_.own_boxes;

@@ -6,6 +6,7 @@
 #include "core/correction.h"
 #include "core/mailbox.h"
 #include "map/map_copier.h"
+#include "map/mover_sightings.h"
 #include "map/voxel_map.h"
 #include "runtime/latency.h"
 #include "runtime/track_stage.h"
@@ -24,9 +25,9 @@ struct FuseCounts {
   std::uint64_t own_boxes = 0, carried_boxes = 0, unposed = 0;
 };
 
-/// Posed frames and boxes in, voxels out. Frames are fused that the detector has seen, with their own boxes;
-/// where it has said nothing for `detector.max_age_ms`, or there is none, frames are fused with the tracker's
-/// mask. Knows no threads.
+/// Posed frames and boxes in, voxels out. Frames are fused that the detector has seen, with their own boxes,
+/// as far as MoverSightings lets them count; where it has said nothing for `detector.max_age_ms`, or there is
+/// none, frames are fused with the tracker's mask. Knows no threads.
 class MapStage {
  public:
   MapStage(Arena& arena, const Config& config, const RayTable& rays, bool has_detector);
@@ -76,6 +77,8 @@ class MapStage {
   void take_correction(std::uint32_t epoch);
   /// A pose of another epoch than the map's is taken to it with its keyframe.
   RecentPose in_map(const RecentPose& pose) const;
+  /// The mask of a frame with its own boxes, less those that do not count.
+  const DynamicMask& mask_of_counting(const PosedFrame& posed);
   void fuse(const FrameSlot& frame, const RecentPose& tracked, const DynamicMask& mask);
   bool due(std::uint64_t sequence) const;
 
@@ -87,6 +90,8 @@ class MapStage {
   int fuse_factor_ = 1;
   Nanoseconds last_boxes_ns_ = 0, newest_ns_ = 0;
   std::array<RecentPose, 64> recent_{};  // at slot_of their sequence
+  MoverSightings sightings_;
+  Detections boxes_;  // of the frame at work
   DynamicMask mask_;
   FuseCounts counts_;
   LatencyHistogram fuse_time_;

@@ -32,7 +32,7 @@ struct MapStageBench {
   Detections boxes(const FrameSlot& frame) const {
     Detections boxes{frame.sequence, frame.colour_ns, {}};
     EXPECT_TRUE(boxes.items.try_push_back(
-        {WallScene::thing(static_cast<int>(frame.sequence)), 0, ClassKind::Dynamic, 0.9f, 1}));
+        {WallScene::thing(static_cast<int>(frame.sequence)), 0, ClassKind::Dynamic, score, 1}));
     return boxes;
   }
   void take_frame(const FrameHandle& frame, bool own_boxes) {
@@ -80,6 +80,7 @@ struct MapStageBench {
   MapStage stage;
   Pose T_now_first;  ///< the world of this epoch's poses in that of the first's
   std::uint32_t epoch = 0;
+  float score = 0.9f;  ///< of the thing's box
 };
 
 /// The middle of the thing's front, in the map.
@@ -108,6 +109,38 @@ TEST(MapStage, FramesWithTheirOwnBoxesAreFusedAtOnceWithoutTheMover) {
   EXPECT_EQ(bench.stage.counts().carried_boxes, 0u);
   EXPECT_GT(bench.stage.map().occupied_voxels(), 100u);
   EXPECT_NE(bench.stage.map().at(thing_in_map(6)), Occupancy::Occupied);
+}
+
+TEST(MapStage, AWeakBoxKeepsAThingOutWhereItWasSurelyFoundLately) {
+  for (const bool with_frame : {true, false}) {
+    for (const float first_score : {0.4f, 0.9f}) {
+      MapStageBench bench(true);
+      bench.score = first_score;
+      for (int i = 0; i < 8; ++i) {
+        const FrameHandle frame = bench.frame(i);
+        bench.take_frame(frame, with_frame);
+        if (!with_frame) bench.take_detected(frame.share());
+        bench.score = 0.4f;
+      }
+      EXPECT_EQ(bench.stage.counts().own_boxes, 4u);
+      EXPECT_EQ(bench.stage.map().at(thing_in_map(6)) == Occupancy::Occupied, first_score < 0.5f);
+    }
+  }
+}
+
+TEST(MapStage, ThePapersRuleTakesEveryBox) {
+  Config config = WallScene::config();
+  config.track.dynamic_rule = DynamicRule::Paper;
+  for (const bool with_frame : {true, false}) {
+    MapStageBench bench(true, config);
+    bench.score = 0.4f;
+    for (int i = 0; i < 8; ++i) {
+      const FrameHandle frame = bench.frame(i);
+      bench.take_frame(frame, with_frame);
+      if (!with_frame) bench.take_detected(frame.share());
+    }
+    EXPECT_NE(bench.stage.map().at(thing_in_map(6)), Occupancy::Occupied);
+  }
 }
 
 TEST(MapStage, AFrameWaitsForTheDetectorsWordOnIt) {

@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+#include "core/camera.h"
+#include "core/detection.h"
+#include "core/geometry.h"
+#include "core/time.h"
+
+namespace stillmap {
+
+/// Which of a detector's boxes keep something out of the map. A detector now and then takes coats on a wall
+/// or a floor for a person, weakly, for some frames; what the map leaves out then it may never see again. So
+/// a weak box counts only where a mover was surely found lately, or where boxes have been found for a while:
+/// a person whom the detector is never sure of is mapped for kRipe_s at most, and cleared as soon as they
+/// move. One thread; no heap.
+class MoverSightings {
+ public:
+  static constexpr float kSureScore = 0.5f;
+  static constexpr double kReach_m = 1, kRipe_s = 0.4, kKept_s = 1;
+
+  explicit MoverSightings(const CameraModel& camera) : camera_(camera) {}
+
+  /// Takes in what was found on the frame at `boxes.stamp_ns`, depths measured, and removes the moving boxes
+  /// that do not count. Boxes without depth, which have no place, do. True where any was removed.
+  bool filter(Detections& boxes, const Pose& T_map_camera);
+
+ private:
+  struct Sighting {
+    Nanoseconds stamp_ns = 0;
+    Vec3 p_map;
+    bool sure = false;
+  };
+  void note(const Detections& boxes, const Pose& T_map_camera);
+  bool counts(const Detection& box, Nanoseconds stamp_ns, const Pose& T_map_camera) const;
+  Vec3 place_of(const Detection& box, const Pose& T_map_camera) const;
+
+  CameraModel camera_;
+  std::array<Sighting, 1024> sightings_{};  // the newest, in a ring
+  std::uint64_t noted_ = 0;
+};
+
+}  // namespace stillmap
