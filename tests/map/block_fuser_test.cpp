@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <vector>
 
@@ -49,6 +50,17 @@ TEST(BlockFuser, what_is_not_mapped_frees_the_ray_before_it_and_is_never_occupie
   t.fuse(-1.455f);
   EXPECT_EQ(t.layer(2).log_odds, Voxel::kMiss);
   for (int i = 3; i < 8; ++i) EXPECT_EQ(t.layer(i).log_odds, 0) << i;
+}
+
+TEST(BlockFuser, what_stands_where_something_went_has_its_own_colour) {
+  FuserUnderTest t;
+  for (int i = 0; i < 4; ++i) t.fuse(1.455f);
+  for (int i = 0; i < 20 && t.layer(4).log_odds >= 0; ++i) t.fuse(3);
+  ASSERT_LT(t.layer(4).log_odds, 0);
+  std::ranges::fill(t.colour, Bgr{210, 220, 230});
+  t.fuse(1.455f);
+  EXPECT_EQ(t.layer(4).colour.b, 210);
+  EXPECT_EQ(t.layer(4).colour.r, 230);
 }
 
 TEST(BlockFuser, no_reading_says_nothing) {

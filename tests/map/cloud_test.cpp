@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <vector>
 
 #include "map_scene.h"
@@ -29,6 +30,16 @@ void expect_on_walls(const std::vector<CloudPoint>& points, double tolerance) {
     ASSERT_EQ(p.a, 255);
     ASSERT_GT(p.r + p.g + p.b, 150);
   }
+}
+
+/// No occupied voxel is farther than a block from a point.
+void expect_whole(const VoxelMap& map, const std::vector<CloudPoint>& points) {
+  map.for_each_occupied([&](const OccupiedVoxel& v) {
+    const bool shown = std::ranges::any_of(points, [&](const CloudPoint& p) {
+      return std::abs(p.x - v.x) < 0.33 && std::abs(p.y - v.y) < 0.33 && std::abs(p.z - v.z) < 0.33;
+    });
+    ASSERT_TRUE(shown) << v.x << " " << v.y << " " << v.z;
+  });
 }
 
 TEST(Cloud, is_every_voxel_where_they_fit) {
@@ -58,6 +69,7 @@ TEST(Cloud, gets_coarser_until_it_fits_and_still_shows_all_of_the_map) {
     EXPECT_LE(points.size(), last);
     last = points.size();
     expect_on_walls(points, 0.17);
+    expect_whole(t.map.map(), points);
   }
   EXPECT_EQ(last, blocks);
 }

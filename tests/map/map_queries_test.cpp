@@ -126,19 +126,22 @@ TEST_F(MapQueriesTest, WhatIsNoRayIsUnknown) {
 }
 
 TEST(MapQueriesOfAPost, ABodyMeetsWhatARayPasses) {
-  // A post 10 cm wide, 30 cm beside the way.
-  const test::Scene scene = [](Vec3 o, Vec3 d) {
-    auto hit = test::meet_plane(o, d, {0, 0, 1}, 3, {1, 2, 3});
-    const auto post = test::meet_plane(o, d, {0, 0, 1}, 2, {4, 5, 6});
-    if (post && std::abs(o.x + post->t * d.x - 0.35) < 0.05) hit = post;
-    return hit;
-  };
-  MapUnderTest t(small_camera());
-  t.see(scene, {}, 3);
-  const MapQueries queries(t.map(), true);
-  EXPECT_NEAR(*queries.sweep({0, 0, 1}, {0, 0, 1}, 0.2, 5).occupied_m, 2, 0.05);
-  EXPECT_NEAR(*queries.sweep({0, 0, 1}, {0, 0, 1}, 0.4, 5).occupied_m, 1, 0.05);
-  EXPECT_NEAR(*queries.sweep({0, 0, 1}, {0, 0, 1}, 0, 5).occupied_m, 2, 0.05);
+  // A post 10 cm wide, 30 cm beside the way, or a bar as far above it.
+  for (const bool bar : {false, true}) {
+    const test::Scene scene = [bar](Vec3 o, Vec3 d) {
+      auto hit = test::meet_plane(o, d, {0, 0, 1}, 3, {1, 2, 3});
+      const auto post = test::meet_plane(o, d, {0, 0, 1}, 2, {4, 5, 6});
+      const auto across = [&] { return bar ? o.y + post->t * d.y : o.x + post->t * d.x; };
+      if (post && std::abs(across() - 0.35) < 0.05) hit = post;
+      return hit;
+    };
+    MapUnderTest t(small_camera());
+    t.see(scene, {}, 3);
+    const MapQueries queries(t.map(), true);
+    EXPECT_NEAR(*queries.sweep({0, 0, 1}, {0, 0, 1}, 0.2, 5).occupied_m, 2, 0.05);
+    EXPECT_NEAR(*queries.sweep({0, 0, 1}, {0, 0, 1}, 0.4, 5).occupied_m, 1, 0.05);
+    EXPECT_NEAR(*queries.sweep({0, 0, 1}, {0, 0, 1}, 0, 5).occupied_m, 2, 0.05);
+  }
 }
 
 TEST_F(MapQueriesTest, ASliceIsEachColumnsWorst) {
@@ -163,6 +166,23 @@ TEST_F(MapQueriesTest, ASliceIsEachColumnsWorst) {
   }
   EXPECT_GT(occupied, 50);
   EXPECT_GT(free, 1000);
+}
+
+TEST_F(MapQueriesTest, ASliceWithoutHeightIsOneLayer) {
+  std::vector<Occupancy> cells(160 * 40);
+  ASSERT_TRUE(
+      queries
+          .slice({.x_m = -3.2, .y_m = -1, .from_z_m = 0.02, .to_z_m = 0.02, .columns = 160, .rows = 40},
+                 cells)
+          .ok());
+  int known = 0;
+  for (std::size_t i = 0; i < cells.size(); ++i) {
+    const double x = -3.2 + 0.04 * static_cast<double>(i % 160) + 0.02,
+                 y = -1 + 0.04 * static_cast<double>(i / 160) + 0.02;
+    ASSERT_EQ(cells[i], t.map().at({x, y, 0.02}));
+    known += cells[i] != Occupancy::Unknown;
+  }
+  EXPECT_GT(known, 1000);
 }
 
 TEST_F(MapQueriesTest, ASliceIsRefusedWithTheMend) {

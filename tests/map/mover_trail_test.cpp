@@ -53,11 +53,13 @@ struct TrailBench {
 TEST(MoverTrail, RemembersWhereAMoverWasForAFewFrames) {
   TrailBench b;
   const Vec3 in_mover = b.T_map_camera * Vec3{0, 0, 1.5}, beside = b.T_map_camera * Vec3{0.1, 0, 1.55},
-             away = b.T_map_camera * Vec3{0, 0, 1.8}, right = b.T_map_camera * Vec3{0.7, 0, 1.5};
+             before = b.T_map_camera * Vec3{0, 0, 1.42}, away = b.T_map_camera * Vec3{0, 0, 1.8},
+             right = b.T_map_camera * Vec3{0.7, 0, 1.5};
   EXPECT_FALSE(b.trail.near(in_mover));
   b.add(TrailBench::mover_in_columns(8, 11));
   EXPECT_TRUE(b.trail.near(in_mover));
   EXPECT_TRUE(b.trail.near(beside));
+  EXPECT_TRUE(b.trail.near(before));
   EXPECT_FALSE(b.trail.near(away));
   EXPECT_FALSE(b.trail.near(right));
   for (std::uint32_t i = 0; i < MoverTrail::kFrames; ++i) {
