@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <array>
 #include <cstdint>
+#include <span>
 
+#include "core/arena.h"
 #include "core/camera.h"
 #include "core/detection.h"
 #include "core/geometry.h"
@@ -21,7 +22,8 @@ class MoverSightings {
   static constexpr float kSureScore = 0.5f;
   static constexpr double kReach_m = 1, kRipe_s = 0.4, kKept_s = 1;
 
-  explicit MoverSightings(const CameraModel& camera) : camera_(camera) {}
+  MoverSightings(Arena& arena, const CameraModel& camera)
+      : camera_(camera), sightings_(arena.take<Sighting>("map_mover_sightings", 1024)) {}
 
   /// Takes in what was found on the frame at `boxes.stamp_ns`, depths measured, and removes the moving boxes
   /// that do not count. Boxes without depth, which have no place, do. True where any was removed.
@@ -38,7 +40,7 @@ class MoverSightings {
   Vec3 place_of(const Detection& box, const Pose& T_map_camera) const;
 
   CameraModel camera_;
-  std::array<Sighting, 1024> sightings_{};  // the newest, in a ring
+  std::span<Sighting> sightings_;  // the newest, in a ring
   std::uint64_t noted_ = 0;
 };
 

@@ -37,7 +37,8 @@ class MoverSightingsTest : public testing::Test {
     return scores;
   }
   using Scores = std::vector<float>;
-  MoverSightings sightings{camera()};
+  Arena arena{1 << 18};
+  MoverSightings sightings{arena, camera()};
 };
 
 TEST_F(MoverSightingsTest, AWeakBoxByItselfDoesNotCountAndOthersDo) {
@@ -50,7 +51,7 @@ TEST_F(MoverSightingsTest, AWeakBoxByItselfDoesNotCountAndOthersDo) {
 TEST_F(MoverSightingsTest, AWeakBoxCountsForASecondWhereAMoverWasSurelyFound) {
   left_of(0, {box(320, 0.6f)});
   EXPECT_EQ(left_of(10, {box(320, 0.4f)}).size(), 1u);
-  sightings = MoverSightings(camera());
+  sightings = MoverSightings(arena, camera());
   left_of(0, {box(320, 0.6f)});
   EXPECT_TRUE(left_of(11, {box(320, 0.4f)}).empty());
 }
