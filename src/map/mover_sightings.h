@@ -20,7 +20,7 @@ namespace stillmap {
 class MoverSightings {
  public:
   static constexpr float kSureScore = 0.5f;
-  static constexpr double kReach_m = 1, kRipe_s = 0.4, kKept_s = 1;
+  static constexpr double kReach_m = 0.8, kRipe_s = 0.4, kKept_s = 1;
 
   MoverSightings(Arena& arena, const CameraModel& camera)
       : camera_(camera), sightings_(arena.take<Sighting>("map_mover_sightings", 1024)) {}

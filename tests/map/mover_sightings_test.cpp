@@ -56,10 +56,10 @@ TEST_F(MoverSightingsTest, AWeakBoxCountsForASecondWhereAMoverWasSurelyFound) {
   EXPECT_TRUE(left_of(11, {box(320, 0.4f)}).empty());
 }
 
-TEST_F(MoverSightingsTest, NearIsAMetreInSpace) {
+TEST_F(MoverSightingsTest, NearIsMeasuredInSpace) {
   left_of(0, {box(100, 0.6f)});
-  EXPECT_EQ(left_of(1, {box(340, 0.4f)}).size(), 1u) << "0.96 m";
-  EXPECT_TRUE(left_of(1, {box(360, 0.4f)}).empty()) << "1.04 m";
+  EXPECT_EQ(left_of(1, {box(292, 0.4f)}).size(), 1u) << "0.77 m";
+  EXPECT_TRUE(left_of(1, {box(308, 0.4f)}).empty()) << "0.83 m";
   EXPECT_TRUE(left_of(1, {box(100, 0.4f, 3.2f)}).empty()) << "behind it";
   const Pose turned{exp_so3({0, 0.5, 0}), {}};
   EXPECT_EQ(left_of(2, {box(100 - 273, 0.4f)}, turned).size(), 1u) << "the same place from elsewhere";
