@@ -132,7 +132,7 @@ class Openni2Stream : public PictureStream, public openni::VideoStream::NewFrame
  public:
   Openni2Stream(std::shared_ptr<Camera> camera, bool depth) : camera_(std::move(camera)), depth_(depth) {}
   ~Openni2Stream() override {
-    stop();
+    Openni2Stream::stop();
     stream_.destroy();
   }
   Openni2Stream(const Openni2Stream&) = delete;

@@ -255,9 +255,11 @@ inline void strip_of_words(const DepthwiseJob& job, int channel, int y, int colu
       __m512i sum = _mm512_set1_epi32(start);
 #pragma GCC unroll 16
       for (int tap = 0; tap < kStacks * kSize; ++tap) {
+        // cppcheck-suppress zerodiv ; as above, depthwise_of() calls this for a kSize above 0 only
         const int kx = tap % kSize, row = r * kStep + 4 * (tap / kSize);
         const __m512i stacked =
             _mm512_loadu_si512(left + x + (row * kStep + kx % kStep) * pitch + kx / kStep);
+        // cppcheck-suppress zerodiv
         sum = _mm512_dpbusd_epi32(sum, stacked, products[tap / kSize][kx]);
       }
       *reinterpret_cast<Bytes*>(out + r * columns + x) =
