@@ -18,9 +18,9 @@ class RunningTest(ProgramTest):
         """The running program, tracking; `self.frames()` tells how many frames it has processed."""
         log = self.path / "endless"
         if not log.exists():
-            endless_log(log)
+            endless_log(log, 20_000)  # longer than a test may take: at its end the program closes its port
         command = run_args("--mode", "realtime", *args, log=log, detector=detector, listen=["--listen", "127.0.0.1:0"])
-        process = subprocess.Popen([PROGRAM, *command], stderr=subprocess.PIPE, text=True, env={**os.environ, **(environment or {})})
+        self.process = process = subprocess.Popen([PROGRAM, *command], stderr=subprocess.PIPE, text=True, env={**os.environ, **(environment or {})})
         self.said = []
         self.reader = threading.Thread(target=lambda: self.said.extend(process.stderr), daemon=True)
         self.addCleanup(process.stderr.close)
@@ -43,6 +43,7 @@ class RunningTest(ProgramTest):
                 with urllib.request.urlopen(self.metrics, timeout=20) as answer:
                     return float(re.search(rf"^{name} (\S+)$", answer.read().decode(), re.M)[1])
             except OSError:  # it has just begun, or is too busy to answer in time
+                self.assertIsNone(self.process.poll(), self.said)
                 time.sleep(0.05)
         self.fail("no metrics")
 

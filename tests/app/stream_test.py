@@ -16,7 +16,7 @@ from signals_test import endless_log
 
 class Stream(ProgramTest):
     def start(self, mode):
-        log = endless_log(self.path / "log")
+        log = endless_log(self.path / "log", 20_000)
         args = run_args("--mode", mode, log=log, detector=DETECTOR, listen=["--listen", "127.0.0.1:0"])
         process = subprocess.Popen([PROGRAM, *args], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         self.addCleanup(process.communicate)
