@@ -96,11 +96,22 @@ TEST_F(ConfigFiles, SetTakesBareWordsPathsAndToml) {
   EXPECT_THAT(config({}, {"classes.dynamic=[\"person\"]"}).classes.dynamic, testing::ElementsAre("person"));
 }
 
+TEST_F(ConfigFiles, LettersBeyondAsciiStandInQuotesAndCommentsOnly) {
+  EXPECT_EQ(config({write("a.toml", "# \u00fcber\n[detector]\nmodel = '/h\u00f6me/\u3042'")}).detector.model,
+            "/h\u00f6me/\u3042");
+  for (const char* text :
+       {"\u0239D t!", "\u00fc = 1", "track.features = \u00fc", "track.features = 5 \u3042"})
+    EXPECT_THAT(error({write("b.toml", text)}), HasSubstr("b.toml")) << text;
+}
+
 TEST_F(ConfigFiles, SetRefusesWhatIsNoOverride) {
   for (const char* text : {"track.features", "=5", "", "a b=1", "#track.features=5", "track.=5"}) {
     EXPECT_THAT(error({}, {text}), HasSubstr(std::string("--set ") + text + ":")) << text;
   }
   EXPECT_THAT(error({}, {"track.features="}), HasSubstr("does not fit"));
+  EXPECT_THAT(error({}, {"camera.T_base_camera=[0.05, -1, ['a', inf]]"}),
+              HasSubstr("= [0.05, -1, ['a', inf]] does not fit"));
+  EXPECT_THAT(error({}, {"track.features={a = 0.05}"}), HasSubstr("= a table does not fit"));
   EXPECT_THAT(error({}, {"track.dynamic_rule=maybe"}), HasSubstr("\"silhouette\", \"paper\" or \"off\""));
 }
 
