@@ -4,7 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "tests/runtime/pipeline.h"
+#include "tests/runtime/running.h"
 
 namespace stillmap {
 namespace {
@@ -18,20 +18,26 @@ struct Plug {
   SourceInfo info{.name = "camera", .width = 4, .height = 4, .fps = 30};
   test::ScriptedDriver::Fill fill = [](int, FrameSlot&) {};
   std::vector<std::string> reasons{};  ///< why the n-th does not open, where it does not
+  std::vector<std::size_t> gone_when_started{};
 
   class Camera : public test::ScriptedDriver {
    public:
     Camera(const Plug& plug, std::vector<Grab> grabs)
         : ScriptedDriver(plug.info, grabs, plug.fill),
           absent_(grabs.empty()),
+          starts_(std::ranges::count(plug.gone_when_started, plug.opened) == 0),
           reason_(plug.opened < plug.reasons.size() ? plug.reasons[plug.opened] : "no such camera") {}
     Status open() override {
       if (absent_) return Error{ExitCode::RunFailed, reason_};
       return {};
     }
+    Status start() override {
+      if (!starts_) return Error{ExitCode::RunFailed, "gone when it was to start"};
+      return {};
+    }
 
    private:
-    bool absent_;
+    bool absent_, starts_;
     std::string reason_;
   };
   ReopeningSource::Factory factory() {
@@ -82,6 +88,55 @@ TEST(ReopeningSource, OpensAnUnpluggedCameraAgain) {
   EXPECT_THAT(codes(news.events),
               testing::ElementsAre(EventCode::SourceGone, EventCode::SourceRefused, EventCode::SourceBack,
                                    EventCode::SourceGone, EventCode::SourceBack));
+}
+
+TEST(ReopeningSource, UnpluggedBeforeItRunsItIsRefused) {
+  SourceNews news;
+  Plug absent{{{}}};
+  absent.reasons = {"/dev/video0: no such camera"};
+  ReopeningSource unopened(absent.factory(), {.stall_s = 1, .give_up_s = 30}, news);
+  EXPECT_EQ(unopened.open().error().message, "/dev/video0: no such camera");
+  Plug leaving{{{{.stamp_ns = 1}}}};
+  leaving.gone_when_started = {0};
+  ReopeningSource unstarted(leaving.factory(), {.stall_s = 1, .give_up_s = 30}, news);
+  ASSERT_TRUE(unstarted.open().ok());
+  EXPECT_EQ(unstarted.start().error().message, "gone when it was to start");
+  EXPECT_TRUE(codes(news.events).empty());
+}
+
+TEST(ReopeningSource, UnpluggedInAnyPhaseOfComingBackItIsOpenedAgain) {
+  // Before its first picture; having come back, before it is started; and before its first picture then.
+  Plug plug{{{kLost}, {{.stamp_ns = 1}}, {kLost}, {{.stamp_ns = 2}}}};
+  plug.gone_when_started = {1};
+  SourceNews news;
+  ReopeningSource source(plug.factory(), {.stall_s = 1, .give_up_s = 30}, news);
+  ASSERT_TRUE(source.open().ok());
+  ASSERT_TRUE(source.start().ok());
+  EXPECT_EQ(next_outcome(source), GrabStatus::Frame);
+  EXPECT_EQ(plug.opened, 4u);
+  EXPECT_THAT(codes(news.events), testing::ElementsAre(EventCode::SourceGone, EventCode::SourceRefused,
+                                                       EventCode::SourceRefused, EventCode::SourceBack));
+}
+
+TEST(ReopeningSource, ARunStopsWhileItsCameraIsAway) {
+  static const test::WallScene scene;
+  Plug plug{{{{.stamp_ns = test::WallScene::stamp_ns(0)}, kLost}, {}},
+            0,
+            {.name = "wall", .width = test::WallScene::kWidth, .height = test::WallScene::kHeight, .fps = 30},
+            [](int picture, FrameSlot& slot) { scene.draw(picture, slot); }};
+  SourceNews news;
+  ReopeningSource source(plug.factory(), {.stall_s = 1, .give_up_s = 3600}, news);
+  ASSERT_TRUE(source.open().ok());
+  ASSERT_TRUE(source.start().ok());
+  RunOptions options;
+  options.mode = RunMode::Live;
+  test::Pipeline p(source, options);
+  test::Running running(p);
+  running.wait_for_frames(1);
+  test::wait_until([&] { return codes(news.events).size() > 0; });
+  EXPECT_LT(running.stop_s(), test::kStopDeadline_s);
+  p.expect_accounted();
+  EXPECT_FALSE(p.context->source_lost);
 }
 
 TEST(ReopeningSource, OpensASilentCameraAgain) {

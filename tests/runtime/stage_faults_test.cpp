@@ -8,6 +8,7 @@
 #include <fstream>
 
 #include "tests/runtime/running.h"
+#include "tests/runtime/short_memory.h"
 
 namespace stillmap::test {
 namespace {
@@ -99,6 +100,32 @@ TEST(StageFaults, ASlowTrackerGivesUpQualityInTheDocumentedOrderAndTakesItBack) 
   EXPECT_GT(c.frames_shed.load(), 6u * 90);
 }
 
+TEST(StageFaults, ADetectorWhoseLibraryThrowsIsDoneWithoutUntilItRunsAgain) {
+  PatientCamera camera(wall_frames(100'000));
+  Pipeline pipeline(camera.driver, {}, true);
+  camera.pipeline = &pipeline;
+  RunContext& context = *pipeline.context;
+  std::atomic<bool> throws{false};
+  context.on_work = [&](Stage stage) {
+    if (stage == Stage::Detect) set_short_of_memory(throws);
+  };
+  const RunCounters& c = context.counters;
+  Running running(pipeline);
+  wait_until([&] { return c.detector_runs.load() >= 3; });
+  throws = true;
+  wait_until([&] { return c.detector_failures.load() >= 5; });
+  const std::uint64_t runs = c.detector_runs.load(), processed = c.processed.load();
+  running.wait_for_frames(processed + 10);
+  EXPECT_EQ(c.detector_runs.load(), runs);
+  throws = false;
+  wait_until([&] { return c.detector_runs.load() >= runs + 5; });
+  running.stop_s();
+  EXPECT_EQ(c.lost.load(), 0u);
+  EXPECT_EQ(pipeline.dropped(), 0u);
+  EXPECT_GT(context.stages.map.map().occupied_voxels(), 0u);
+  pipeline.expect_accounted();
+}
+
 /// A disk that stalls: the recorder opens a picture's file, which is a pipe that nobody reads yet.
 class StalledDisk {
  public:
@@ -168,8 +195,10 @@ TEST(StageFaults, CaptureNeverStarvesWhileTheDiskStallsAndEveryStageHoldsAllItMa
   gate.hold(Stage::Map);
   running.wait_for_frames(c.processed.load() + 8);
   gate.hold(Stage::Track);
-  // The disk's buffer is full, too.
-  wait_until([&] { return c.record_left_out.load() >= 30 && c.recorded.load() >= 5; });
+  // The disk's buffer is full, too: of what comes now nothing has a place there.
+  const std::uint64_t offered = c.offered.load();
+  wait_until([&] { return c.offered.load() >= offered + 60 && c.recorded.load() >= 5; });
+  EXPECT_GE(c.record_left_out.load(), 30u);
   EXPECT_EQ(pipeline.dropped(DropReason::NoFreeSlot), 0u);
   EXPECT_EQ(c.recorded.load(), 5u);
   gate.release_all();

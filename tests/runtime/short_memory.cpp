@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/runtime/short_memory.h"
+
+#include <cstdlib>
+#include <new>
+
+namespace {
+thread_local bool is_short = false;
+}
+
+void* operator new(std::size_t bytes) {
+  if (void* p = is_short ? nullptr : std::malloc(bytes)) return p;
+  throw std::bad_alloc();
+}
+void operator delete(void* p) noexcept {
+  std::free(p);
+}
+void operator delete(void* p, std::size_t) noexcept {
+  std::free(p);
+}
+
+void stillmap::test::set_short_of_memory(bool is) {
+  is_short = is;
+}
