@@ -45,7 +45,10 @@ struct WebServer::Callback {
     auto* connection = static_cast<Connection*>(user);
     switch (reason) {
       case LWS_CALLBACK_HTTP:
-        return server->answer(socket, {static_cast<const char*>(in), bytes});
+        server->answer(socket, {static_cast<const char*>(in), bytes});
+        // One answer a connection, which ends when that is sent: of a second request, one for an upgrade that
+        // the library (4.1) does not know, it would read headers that it has freed.
+        return -1;
       case LWS_CALLBACK_FILTER_PROTOCOL_CONNECTION:
         return server->filter(socket);
       case LWS_CALLBACK_ESTABLISHED:
@@ -311,18 +314,18 @@ int WebServer::filter(lws* socket) {
   return -1;
 }
 
-int WebServer::answer(lws* socket, std::string_view path) {
+void WebServer::answer(lws* socket, std::string_view path) {
   const Access::Verdict verdict = judge(socket, false);
   if (verdict != Access::Verdict::Welcome) {
     reply(socket, {verdict == Access::Verdict::WrongToken ? 401U : 403U, "text/plain", explain(verdict)});
-    return -1;
+  } else if (lws_hdr_total_length(socket, WSI_TOKEN_GET_URI) > 0) {
+    reply(socket, content_.find(path));
+  } else {
+    reply(socket, {405, "text/plain", "only GET\n"});
   }
-  if (lws_hdr_total_length(socket, WSI_TOKEN_GET_URI) > 0) return reply(socket, content_.find(path));
-  reply(socket, {405, "text/plain", "only GET\n"});
-  return -1;  // a body may follow that nobody reads
 }
 
-int WebServer::reply(lws* socket, const HttpReply& reply) {
+void WebServer::reply(lws* socket, const HttpReply& reply) {
   const std::span<std::uint8_t> out = scratch_.subspan(LWS_PRE);
   STILLMAP_CHECK(reply.body.size() <= out.size());
   std::uint8_t *end_of_headers = out.data(), *const end = out.data() + out.size();
@@ -335,18 +338,17 @@ int WebServer::reply(lws* socket, const HttpReply& reply) {
   const bool ready =
       lws_add_http_common_headers(socket, reply.status, reply.type, reply.body.size(), &end_of_headers,
                                   end) == 0 &&
-      add("cache-control:", "no-store") && add("x-content-type-options:", "nosniff") &&
-      add("referrer-policy:", "no-referrer") &&
+      add("connection:", "close") && add("cache-control:", "no-store") &&
+      add("x-content-type-options:", "nosniff") && add("referrer-policy:", "no-referrer") &&
       add("content-security-policy:",
           "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; connect-src 'self'; "
           "img-src data: blob:; frame-ancestors 'none'") &&
       (access_.cookie().empty() || reply.status != 200 || add("set-cookie:", access_.cookie())) &&
       lws_finalize_write_http_header(socket, out.data(), &end_of_headers, end) == 0;
-  if (!ready) return -1;
+  if (!ready) return;
   std::memcpy(out.data(), reply.body.data(), reply.body.size());
-  if (lws_write(socket, out.data(), reply.body.size(), LWS_WRITE_HTTP_FINAL) < 0) return -1;
+  if (lws_write(socket, out.data(), reply.body.size(), LWS_WRITE_HTTP_FINAL) < 0) return;
   Counters::add(counters_.bytes_sent, reply.body.size());
-  return lws_http_transaction_completed(socket) != 0 ? -1 : 0;
 }
 
 }  // namespace stillmap::stream

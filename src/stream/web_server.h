@@ -66,8 +66,8 @@ class WebServer {
   int write(Slot& slot);
   Access::Verdict judge(lws* socket, bool web_socket);
   int filter(lws* socket);
-  int answer(lws* socket, std::string_view path);
-  int reply(lws* socket, const HttpReply& reply);
+  void answer(lws* socket, std::string_view path);
+  void reply(lws* socket, const HttpReply& reply);
   void emit(EventCode code);
 
   const Config::Stream config_;

@@ -7,7 +7,7 @@
 namespace stillmap::fuzz {
 
 std::span<const Target> targets() {
-  static constexpr std::array<Target, 11> kTargets{{{"config", read_config},
+  static constexpr std::array<Target, 12> kTargets{{{"config", read_config},
                                                     {"frame_list", read_frame_list},
                                                     {"trajectory", read_trajectory},
                                                     {"map_file", read_map},
@@ -17,7 +17,8 @@ std::span<const Target> targets() {
                                                     {"jpeg", decode_jpeg},
                                                     {"camera_picture", convert_camera_picture},
                                                     {"client_message", parse_message},
-                                                    {"access", judge_request}}};
+                                                    {"access", judge_request},
+                                                    {"connection", serve_connection}}};
   return kTargets;
 }
 

@@ -30,6 +30,7 @@ void decode_jpeg(Bytes bytes);             ///< from a file, and from a camera
 void convert_camera_picture(Bytes bytes);  ///< 8 bytes of what a driver says of a picture, then the picture
 void parse_message(Bytes bytes);           ///< what a WebSocket's client sends
 void judge_request(Bytes bytes);           ///< lines: host, origin, token, cookies of a WebSocket's handshake
+void serve_connection(Bytes bytes);        ///< what comes over a connection, beginning with its handshake
 
 /// Ends the process where `holds` is false.
 void require(bool holds);

@@ -6,6 +6,7 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include <cerrno>
 #include <cstring>
 #include <string>
 
@@ -166,6 +167,30 @@ TEST(StreamServer, ServesHttpAndWebSocketFromOneThread) {
   EXPECT_EQ(server.stats().clients, 0U);
   EXPECT_EQ(server.stats().clients_peak, 1U);
   server.stop();
+}
+
+TEST(StreamServer, AConnectionIsAnsweredOnceAndCannotAskForAnUpgradeThen) {
+  Arena arena(planned_bytes());
+  StreamServer server(stream_config(), arena);
+  ASSERT_TRUE(server.open().ok());
+  const int http = connect_to(server.port());
+  send_all(http,
+           "GET /health HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\nGET / HTTP/1.1\r\nHost: 127.0.0.1\r\nUpgrade: "
+           "no\r\n\r\n");
+  const std::string answered = serve_until(server, http, "starting");
+  EXPECT_NE(answered.find("connection: close"), std::string::npos);
+  EXPECT_EQ(answered.find("keep-alive"), std::string::npos);
+  EXPECT_EQ(answered.find("HTTP/1.1", 1), std::string::npos) << answered;
+  char end = 0;
+  ssize_t bytes = -1;
+  for (int i = 0; i < 2000 && bytes < 0 && (errno == EAGAIN || i == 0); ++i) {
+    server.service(0);
+    bytes = read(http, &end, 1);
+    if (bytes < 0) usleep(500);
+  }
+  EXPECT_LE(bytes, 0);
+  EXPECT_TRUE(bytes == 0 || errno == ECONNRESET);
+  close(http);
 }
 
 TEST(StreamServer, AClientThatStopsReadingMissesPosesAndGoesOnWithTheNewest) {
