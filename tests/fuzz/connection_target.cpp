@@ -35,18 +35,11 @@ struct Server {
 
 class Connection {
  public:
-  explicit Connection(int port) : socket_(socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0)) {
-    sockaddr_in to{};
-    to.sin_family = AF_INET;
-    to.sin_port = htons(static_cast<std::uint16_t>(port));
-    to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-    // Each from an address of its own: what was closed keeps its port for a minute, and there are too few.
-    static std::uint32_t connections = 0;
-    sockaddr_in from{};
-    from.sin_family = AF_INET;
-    from.sin_addr.s_addr = htonl(INADDR_LOOPBACK + connections++ % 1'000'000);
-    require(bind(socket_, reinterpret_cast<const sockaddr*>(&from), sizeof(from)) == 0);
-    require(connect(socket_, reinterpret_cast<const sockaddr*>(&to), sizeof(to)) == 0);
+  explicit Connection(int port) {
+    for (int tries = 0; !reach(port); ++tries) {
+      require(tries < 100);
+      usleep(20'000);
+    }
     constexpr linger kReset{1, 0};
     require(setsockopt(socket_, SOL_SOCKET, SO_LINGER, &kReset, sizeof(kReset)) == 0);
   }
@@ -64,7 +57,25 @@ class Connection {
   }
 
  private:
-  int socket_;
+  bool reach(int port) {
+    sockaddr_in to{};
+    to.sin_family = AF_INET;
+    to.sin_port = htons(static_cast<std::uint16_t>(port));
+    to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    // Each from an address of its own: what was closed keeps its port for a minute, and there are too few.
+    static std::uint32_t connections = 0;
+    sockaddr_in from{};
+    from.sin_family = AF_INET;
+    from.sin_addr.s_addr = htonl(INADDR_LOOPBACK + connections++ % 1'000'000);
+    socket_ = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    if (bind(socket_, reinterpret_cast<const sockaddr*>(&from), sizeof(from)) == 0 &&
+        connect(socket_, reinterpret_cast<const sockaddr*>(&to), sizeof(to)) == 0)
+      return true;
+    close(socket_);
+    return false;
+  }
+
+  int socket_ = -1;
   std::array<char, 65536> buffer_{};
 };
 
