@@ -99,8 +99,22 @@ Random Tracker::random_for(std::uint64_t sequence) const {
   return Random(static_cast<std::uint64_t>(config_.runtime.seed) * 0x9e3779b97f4a7c15ULL + sequence);
 }
 
-Pose Tracker::predict(Nanoseconds stamp_ns) const {
+/// T_camera_odom at `stamp_ns` by the robot's own account, from the last posed frame on.
+std::optional<PosePrior> Tracker::told(Nanoseconds stamp_ns) {
+  if (history_size_ == 0) return std::nullopt;
+  const std::optional<MotionDelta> motion = odometry_.between(history_[0].stamp_ns, stamp_ns);
+  if (!motion) return std::nullopt;
+  const Pose T_before_now = inverse(T_base_camera_) * motion->T_from_to * T_base_camera_;
+  // A base that turns carries its camera along an arc.
+  const double lever_m = norm(T_base_camera_.t);
+  return PosePrior{inverse(history_[0].T_odom_camera * T_before_now), motion->sigma_rotation_rad,
+                   std::hypot(motion->sigma_translation_m, lever_m * motion->sigma_rotation_rad)};
+}
+
+Pose Tracker::predict(Nanoseconds stamp_ns) {
   if (history_size_ == 0) return result_.T_odom_camera;
+  if (const std::optional<PosePrior> by_odometry = told(stamp_ns))
+    return inverse(by_odometry->T_camera_world);
   const PosedStamp& newest = history_[0];
   if (history_size_ == 1) return newest.T_odom_camera;
   const double span = to_seconds(newest.stamp_ns - history_[1].stamp_ns);
@@ -209,19 +223,21 @@ void Tracker::align(const FrameSlot& slot, const Pose& T_odom_camera_predicted) 
   aligned_ = T_odom_camera_predicted;
   if (!aligns_ || history_size_ == 0) return;
   const Pose before = history_[0].T_odom_camera;
-  PosePrior motion = motion_prior(T_odom_camera_predicted, seconds_since_pose(slot));
+  PosePrior motion =
+      told(slot.colour_ns).value_or(motion_prior(T_odom_camera_predicted, seconds_since_pose(slot)));
   motion.T_camera_world = motion.T_camera_world * before;
   aligned_ = before * inverse(alignment_.align(motion));
 }
 
 bool Tracker::localize(const FrameSlot& slot, const Pose& T_odom_camera_predicted) {
   const bool was_lost = result_.state == TrackState::Lost;
-  prior_.reset();
+  prior_ = told(slot.colour_ns);
   lost_by_looking_ = false;
   bool found = false;
-  if (!was_lost) {
+  if (!was_lost || prior_) {
     const double seconds = seconds_since_pose(slot);
-    if (history_size_ == 2 && seconds <= kShort_s) prior_ = motion_prior(T_odom_camera_predicted, seconds);
+    if (!prior_ && history_size_ == 2 && seconds <= kShort_s)
+      prior_ = motion_prior(T_odom_camera_predicted, seconds);
     found = follow(slot, T_odom_camera_predicted);
     if (!found && prior_) {
       // What there is corrects the motion model instead of replacing it.

@@ -21,6 +21,7 @@
 #include "track/loop_closing.h"
 #include "track/map_builder.h"
 #include "track/motion_check.h"
+#include "track/odometry_source.h"
 #include "track/place_index.h"
 #include "track/pose_solver.h"
 #include "track/projection_matcher.h"
@@ -40,8 +41,9 @@ class Tracker {
  public:
   Tracker(Arena& arena, const Config& config);
 
-  /// Where the camera will be at `stamp_ns` if it goes on moving as it did.
-  Pose predict(Nanoseconds stamp_ns) const;
+  /// Where the camera will be at `stamp_ns`: by the robot's odometry where that reaches from the last posed
+  /// frame to there, else if it goes on moving as it did.
+  Pose predict(Nanoseconds stamp_ns);
   /// Tracks one frame. `mask` says what moves in it. The result stays valid until the next call.
   const TrackingResult& track(const FrameSlot& frame, const DynamicMask& mask);
 
@@ -54,6 +56,8 @@ class Tracker {
   /// What a worker does for the local map beside tracking; `track` takes its results.
   LocalAdjustment& adjustment() { return adjustment_; }
   LoopClosing& loops() { return loops_; }
+  /// Where another thread may say how the robot moved.
+  OdometrySource& odometry() { return odometry_; }
   const LocalMap& local_map() const { return map_; }
   /// Before the first frame: takes over what a KeyframeWriter wrote, and is Lost in it until a frame is
   /// recognised. The errors are `read_keyframes`'.
@@ -73,6 +77,7 @@ class Tracker {
  private:
   void start_map(const FrameSlot& slot);
   void start_segment(const FrameSlot& slot);
+  std::optional<PosePrior> told(Nanoseconds stamp_ns);
   void align(const FrameSlot& slot, const Pose& T_odom_camera_predicted);
   bool localize(const FrameSlot& slot, const Pose& T_odom_camera_predicted);
   bool follow(const FrameSlot& slot, const Pose& T_odom_camera_predicted);
@@ -115,6 +120,7 @@ class Tracker {
   LocalAdjustment adjustment_;
   LoopClosing loops_;
   ReadoutEstimator readout_;
+  OdometrySource odometry_;
   std::span<FeatureMatch> matches_;
   ArenaVector<PoseObservation> observations_;
   std::span<std::uint16_t> observed_feature_;  // which feature observation i belongs to
