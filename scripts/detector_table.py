@@ -71,7 +71,7 @@ def measure(network, args):
     row = {"input": f"{size[0]}x{size[1]}", "opencv_ms": {str(n): time_ms(network.read_bytes(), blobs[0], n, 50) for n in (1, 2)}}
     if network != args.float_network:
         model, other = onnx.load(args.float_network), onnx.load(network)
-        row["boxes"] = compare_boxes((model, other), [o.name for o in model.graph.output], blobs, float_manifest.get("score_threshold", 0.35))
+        row["boxes"] = compare_boxes((model, other), [o.name for o in model.graph.output], blobs, float_manifest.get("score_threshold", 0.25))
     row["coverage"] = coverage(network, args)
     for mode in ("lockstep", "realtime"):
         row[mode] = trajectory(network, mode, args)

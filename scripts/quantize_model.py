@@ -15,6 +15,7 @@ import hashlib
 import json
 import os
 import sys
+import tomllib
 from pathlib import Path
 
 import cv2
@@ -58,10 +59,12 @@ def write_whole(path, data):
 
 
 def manifest_text(network, width, height, threshold):
-    """The default network's manifest with this one's size, checksum and threshold."""
-    said = {"sha256": f'"{hashlib.sha256(network).hexdigest()}"', "input_width": width, "input_height": height, "score_threshold": threshold}
-    lines = MANIFEST.read_text(encoding="utf-8").splitlines()
-    return "\n".join(f"{key} = {said[key]}" if (key := line.split(" ")[0]) in said else line for line in lines) + "\n"
+    """The default network's manifest with this one's size, checksum and threshold; what makes an object sure goes with that."""
+    text = MANIFEST.read_text(encoding="utf-8")
+    default = tomllib.loads(text)["detector"]
+    said = {"sha256": f'"{hashlib.sha256(network).hexdigest()}"', "input_width": width, "input_height": height, "score_threshold": threshold,
+            "confirm_score": round(threshold * default["confirm_score"] / default["score_threshold"], 3)}
+    return "\n".join(f"{key} = {said[key]}" if (key := line.split(" ")[0]) in said else line for line in text.splitlines()) + "\n"
 
 
 def write_network(path, network, size, threshold):
@@ -90,7 +93,7 @@ def main():
     parser.add_argument("--report", type=Path, metavar="REPORT.json")
     parser.add_argument("--size", type=int, nargs=2, default=(320, 256), metavar=("WIDTH", "HEIGHT"), help="px of the input")
     parser.add_argument("--frames", type=int, default=16, metavar="N")
-    parser.add_argument("--threshold", type=float, default=0.2, help="score of a box in the float network")
+    parser.add_argument("--threshold", type=float, default=0.15, help="score of a box in the float network")
     args = parser.parse_args()
     files = pictures_of(args.log)
     frames = min(args.frames, len(files) // 2)

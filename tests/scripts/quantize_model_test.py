@@ -221,6 +221,7 @@ class QuantizeModelTest(unittest.TestCase):
         self.assertEqual(manifest["sha256"], hashlib.sha256(network).hexdigest())
         self.assertEqual((manifest["input_width"], manifest["input_height"]), (WIDTH, HEIGHT))
         self.assertEqual(manifest["score_threshold"], report["boxes"]["threshold_int8"])
+        self.assertAlmostEqual(manifest["confirm_score"] / manifest["score_threshold"], 1.6, delta=0.01)
 
     def test_refusals_name_the_thing_and_the_mend(self):
         out = ["--log", self.log, "--out", self.path / "no.onnx"]
