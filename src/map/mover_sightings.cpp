@@ -16,7 +16,7 @@ bool has_place(const Detection& box) {
 bool MoverSightings::filter(Detections& boxes, const Pose& T_map_camera) {
   note(boxes, T_map_camera);
   const auto kept = std::remove_if(boxes.items.begin(), boxes.items.end(), [&](const Detection& box) {
-    return has_place(box) && box.score < kSureScore && !counts(box, boxes.stamp_ns, T_map_camera);
+    return has_place(box) && box.score < sure_score_ && !counts(box, boxes.stamp_ns, T_map_camera);
   });
   const bool removed = kept != boxes.items.end();
   boxes.items.truncate(static_cast<std::size_t>(kept - boxes.items.begin()));
@@ -27,7 +27,7 @@ void MoverSightings::note(const Detections& boxes, const Pose& T_map_camera) {
   for (const Detection& box : boxes.items) {
     if (!has_place(box)) continue;
     sightings_[noted_++ % sightings_.size()] = {boxes.stamp_ns, place_of(box, T_map_camera),
-                                                box.score >= kSureScore};
+                                                box.score >= sure_score_};
   }
 }
 

@@ -19,11 +19,15 @@ namespace stillmap {
 /// move. One thread; no heap.
 class MoverSightings {
  public:
-  static constexpr float kSureScore = 0.5f;
+  static constexpr double kSure =
+      1.25;  // times the score with which the tracker believes in an object at once
   static constexpr double kReach_m = 0.8, kRipe_s = 0.4, kKept_s = 1;
 
-  MoverSightings(Arena& arena, const CameraModel& camera)
-      : camera_(camera), sightings_(arena.take<Sighting>("map_mover_sightings", 1024)) {}
+  /// `confirm_score` is `detector.confirm_score`: what a network's scores are worth is the network's own.
+  MoverSightings(Arena& arena, const CameraModel& camera, double confirm_score)
+      : camera_(camera),
+        sure_score_(static_cast<float>(kSure * confirm_score)),
+        sightings_(arena.take<Sighting>("map_mover_sightings", 1024)) {}
 
   /// Takes in what was found on the frame at `boxes.stamp_ns`, depths measured, and removes the moving boxes
   /// that do not count. Boxes without depth, which have no place, do. True where any was removed.
@@ -40,6 +44,7 @@ class MoverSightings {
   Vec3 place_of(const Detection& box, const Pose& T_map_camera) const;
 
   CameraModel camera_;
+  float sure_score_;
   std::span<Sighting> sightings_;  // the newest, in a ring
   std::uint64_t noted_ = 0;
 };

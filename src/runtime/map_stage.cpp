@@ -12,7 +12,7 @@ MapStage::MapStage(Arena& arena, const Config& config, const RayTable& rays, boo
       copier_(arena),
       corrections_(arena.take<Mailbox<Correction>>("correction", 1)),
       has_detector_(has_detector),
-      sightings_(arena, config.camera) {}
+      sightings_(arena, config.camera, config.detector.confirm_score) {}
 
 bool MapStage::resume(const BlockTable& blocks, std::span<const Keyframe> keyframes) {
   if (!map_.load(blocks)) return false;

@@ -38,7 +38,7 @@ class MoverSightingsTest : public testing::Test {
   }
   using Scores = std::vector<float>;
   Arena arena{1 << 18};
-  MoverSightings sightings{arena, camera()};
+  MoverSightings sightings{arena, camera(), 0.4};
 };
 
 TEST_F(MoverSightingsTest, AWeakBoxByItselfDoesNotCountAndOthersDo) {
@@ -48,10 +48,15 @@ TEST_F(MoverSightingsTest, AWeakBoxByItselfDoesNotCountAndOthersDo) {
       << "without depth it has no place, and only what moves is asked";
 }
 
+TEST_F(MoverSightingsTest, WhatIsSureGoesByTheNetworksScores) {
+  sightings = MoverSightings(arena, camera(), 0.24);
+  EXPECT_EQ(left_of(0, {box(100, 0.29f), box(500, 0.31f)}), Scores{0.31f});
+}
+
 TEST_F(MoverSightingsTest, AWeakBoxCountsForASecondWhereAMoverWasSurelyFound) {
   left_of(0, {box(320, 0.6f)});
   EXPECT_EQ(left_of(10, {box(320, 0.4f)}).size(), 1u);
-  sightings = MoverSightings(arena, camera());
+  sightings = MoverSightings(arena, camera(), 0.4);
   left_of(0, {box(320, 0.6f)});
   EXPECT_TRUE(left_of(11, {box(320, 0.4f)}).empty());
 }
