@@ -12,10 +12,6 @@ constexpr int kTied = 15;                  // shared points that already hold tw
 constexpr int kFewestResembling = 8;       // features, for a candidate
 constexpr std::uint32_t kSuccessive = 10;  // keyframes within which the next one must confirm
 
-constexpr int kFewestAgreeing = 30, kFewestInliers = 50, kFewestDepths = 60;
-constexpr double kAgreeingDepths = 0.8, kLeastSpread = 0.035;
-constexpr double kLargestSigma_m = 0.03, kLargestSigma_rad = 0.02;
-
 // Two sightings of one place differ by their own errors and by the odometry between them.
 constexpr double kOff_m = 0.06, kOff_rad = 0.05, kOdometryShare = 0.05;
 
@@ -70,12 +66,6 @@ void LoopCloser::ask(const LocalMap& map, std::size_t slot, PlaceIndex& places, 
   if (near != candidates_.end()) std::rotate(candidates_.begin(), near, near + 1);
 }
 
-bool LoopCloser::is_convincing(const ViewMatch& m) {
-  return m.agreeing_pairs >= kFewestAgreeing && m.inliers >= kFewestInliers && m.depths >= kFewestDepths &&
-         m.agreeing_depths >= kAgreeingDepths * m.depths && m.spread >= kLeastSpread &&
-         m.sigma_m <= kLargestSigma_m && m.sigma_rad <= kLargestSigma_rad;
-}
-
 bool LoopCloser::confirms(const Sighting& earlier, const Sighting& now) const {
   if (now.a - earlier.a > kSuccessive) return false;
   const Pose T_now_earlier_a = inverse(now.T_odom_a) * earlier.T_odom_a;
@@ -113,7 +103,7 @@ void LoopCloser::compare() {
 std::optional<LoopEdge> LoopCloser::judge(const LocalMap& map) {
   ++counts_.compared;
   ++next_;
-  if (!match_ || !is_convincing(*match_)) return std::nullopt;
+  if (!match_ || !match_->is_convincing()) return std::nullopt;
   end_question();  // the others see the same place
   ++counts_.verified;
   // Where they are now: the map may have been mended meanwhile.

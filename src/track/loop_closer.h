@@ -58,10 +58,6 @@ class LoopCloser {
   std::optional<LoopEdge> judge(const LocalMap& map);
   const LoopCounts& counts() const { return counts_; }
 
-  /// Whether geometry alone speaks for a match: enough inliers in number and spread, an accurate pose, and a
-  /// depth picture that agrees.
-  static bool is_convincing(const ViewMatch& match);
-
  private:
   static constexpr std::size_t kCandidates = 3;
   struct KeyframeRef {

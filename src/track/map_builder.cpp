@@ -26,7 +26,8 @@ std::array<double, 6> packed(const Eigen::Matrix3d& m) {
 }
 
 /// Information of one measurement: sharp across the ray, and along it as sharp as the depth sensor.
-Eigen::Matrix3d measurement_information(const Feature& f, const Pose& T_odom_camera,
+template <class AnyFeature>
+Eigen::Matrix3d measurement_information(const AnyFeature& f, const Pose& T_odom_camera,
                                         const CameraModel& camera, double scale) {
   const double lateral = f.depth_m * scale / camera.fx, depth = camera.depth_sigma_m(f.depth_m);
   const double a = 1 / (lateral * lateral + kPoseSigma_m * kPoseSigma_m),
@@ -36,7 +37,8 @@ Eigen::Matrix3d measurement_information(const Feature& f, const Pose& T_odom_cam
   return a * Eigen::Matrix3d::Identity() + (b - a) * r * r.transpose();
 }
 
-Vec3 measured_position(const Feature& f, const Pose& T_odom_camera) {
+template <class AnyFeature>
+Vec3 measured_position(const AnyFeature& f, const Pose& T_odom_camera) {
   return T_odom_camera * Vec3{f.ray_x * f.depth_m, f.ray_y * f.depth_m, f.depth_m};
 }
 
@@ -55,21 +57,20 @@ bool MapBuilder::enters_map(const Feature& feature) const {
   return feature.label == Label::Static || config_.dynamic_rule == DynamicRule::Silhouette;
 }
 
-MapPoint MapBuilder::new_point(const PosedFeatures& posed, std::size_t feature,
-                               const FeatureExtractor& extractor) const {
-  const Feature& f = posed.frame.features[feature];
+MapPoint MapBuilder::new_point(const Keyframe& keyframe, const KeyframeFeature& f,
+                               const Descriptor& descriptor, const FeatureExtractor& extractor) const {
   MapPoint point;
-  point.p_odom = measured_position(f, posed.T_odom_camera);
+  point.p_odom = measured_position(f, keyframe.T_odom_camera);
   point.information =
-      packed(measurement_information(f, posed.T_odom_camera, camera_, extractor.scale(f.octave)));
-  const Vec3 to_camera = posed.T_odom_camera.t - point.p_odom;
+      packed(measurement_information(f, keyframe.T_odom_camera, camera_, extractor.scale(f.octave)));
+  const Vec3 to_camera = keyframe.T_odom_camera.t - point.p_odom;
   point.reference_distance_m = norm(to_camera);
   point.view_direction = 1 / point.reference_distance_m * to_camera;
-  point.descriptor = posed.frame.descriptors[feature];
+  point.descriptor = descriptor;
   point.reference_octave = f.octave;
   point.visible = point.found = 1;
-  point.last_found_sequence = posed.sequence;
-  point.made_ns = posed.stamp_ns;
+  point.last_found_sequence = keyframe.sequence;
+  point.made_ns = keyframe.stamp_ns;
   return point;
 }
 
@@ -98,7 +99,7 @@ Keyframe& MapBuilder::insert_keyframe(LocalMap& map, const PosedFeatures& posed,
       point.view_direction = 1 / point.reference_distance_m * to_camera;
       point.reference_octave = f.octave;
     } else if (enters_map(f)) {
-      MapPoint point = new_point(posed, i, extractor);
+      MapPoint point = new_point(keyframe, kept, posed.frame.descriptors[i], extractor);
       point.suspect = f.label != Label::Static;
       kept.point = map.add_point(point);
       match.slot = kept.point.slot;
@@ -108,6 +109,18 @@ Keyframe& MapBuilder::insert_keyframe(LocalMap& map, const PosedFeatures& posed,
     if (!keyframe.features.try_push_back(kept)) break;
   }
   return keyframe;
+}
+
+void MapBuilder::revive_points(LocalMap& map, Keyframe& keyframe, std::uint64_t sequence,
+                               const FeatureExtractor& extractor) const {
+  for (std::size_t i = 0; i < keyframe.features.size(); ++i) {
+    KeyframeFeature& f = keyframe.features[i];
+    if (f.depth_m <= 0 || map.find(f.point) != nullptr) continue;
+    MapPoint point = new_point(keyframe, f, keyframe.descriptors[i], extractor);
+    point.suspect = true;
+    point.last_found_sequence = sequence;
+    f.point = map.add_point(point);
+  }
 }
 
 void MapBuilder::refine_points(LocalMap& map, const PosedFeatures& posed,

@@ -29,6 +29,10 @@ class MapBuilder {
   /// Makes the frame a keyframe, with new points for static features that have depth and no point.
   Keyframe& insert_keyframe(LocalMap& map, const PosedFeatures& posed,
                             const FeatureExtractor& extractor) const;
+  /// Makes those of a keyframe's points anew that the map has given up, where the keyframe itself saw them,
+  /// as if frame `sequence` had found them. Nobody remembers whether they stood still: they have to prove it.
+  void revive_points(LocalMap& map, Keyframe& keyframe, std::uint64_t sequence,
+                     const FeatureExtractor& extractor) const;
   /// Takes each inlier's measurement into its point: the mean weighted by information.
   void refine_points(LocalMap& map, const PosedFeatures& posed, const FeatureExtractor& extractor) const;
   /// Removes points that are rarely found where they should be seen.
@@ -36,7 +40,7 @@ class MapBuilder {
 
  private:
   bool enters_map(const Feature& feature) const;
-  MapPoint new_point(const PosedFeatures& posed, std::size_t feature,
+  MapPoint new_point(const Keyframe& keyframe, const KeyframeFeature& f, const Descriptor& descriptor,
                      const FeatureExtractor& extractor) const;
   Config::Track config_;
   CameraModel camera_;

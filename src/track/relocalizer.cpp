@@ -22,11 +22,11 @@ void Relocalizer::take(const FrameFeatures& frame) {
   }
 }
 
-std::optional<Pose> Relocalizer::find_by(const Keyframe& keyframe, Random random) {
+std::optional<FoundPose> Relocalizer::find_by(const Keyframe& keyframe, Random random) {
   const std::optional<ViewMatch> match = matcher_.match(frame_, keyframe, random);
   if (!match || match->agreeing_pairs < kFewestAgreeing || match->inliers < kFewestInliers)
     return std::nullopt;
-  return match->T_a_b * inverse(keyframe.T_odom_camera);
+  return FoundPose{match->T_a_b * inverse(keyframe.T_odom_camera), match->is_convincing()};
 }
 
 }  // namespace stillmap

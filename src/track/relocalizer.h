@@ -14,6 +14,11 @@
 
 namespace stillmap {
 
+struct FoundPose {
+  Pose T_camera_odom;
+  bool sure = false;  ///< the view alone speaks for it, whatever has become of its points
+};
+
 /// Finds the camera's pose without a prediction, from one keyframe. Used by one thread; no heap after
 /// construction.
 class Relocalizer {
@@ -22,8 +27,8 @@ class Relocalizer {
 
   /// What is asked for until the next call. Features that move, or may, have no say.
   void take(const FrameFeatures& frame);
-  /// T_camera_odom, to be confirmed by a guided search; or nothing.
-  std::optional<Pose> find_by(const Keyframe& keyframe, Random random);
+  /// Where the camera is, to be confirmed by a guided search; or nothing.
+  std::optional<FoundPose> find_by(const Keyframe& keyframe, Random random);
 
  private:
   ViewMatcher matcher_;

@@ -282,8 +282,8 @@ bool Tracker::follow(const FrameSlot& slot, const Pose& T_odom_camera_predicted)
   // Wherever it may be, after a step of which no motion model knows.
   if (seconds_since_pose(slot) > kShort_s) {
     relocalizer_.take(frame_);
-    const std::optional<Pose> T_camera_odom = find_by(*map_.newest_keyframe());
-    if (T_camera_odom && sure(kAroundPrediction, inverse(*T_camera_odom))) return true;
+    const std::optional<FoundPose> by_newest = find_by(*map_.newest_keyframe());
+    if (by_newest && sure(kAroundPrediction, inverse(by_newest->T_camera_odom))) return true;
   }
   matcher_.project(map_, inverse(best));
   return most > 0 && match_and_solve(kAroundPrediction, best);
@@ -323,24 +323,31 @@ bool Tracker::match_and_solve(const SearchWindow& window, const Pose& T_odom_cam
   return true;
 }
 
-std::optional<Pose> Tracker::find_by(const Keyframe& keyframe) {
+std::optional<FoundPose> Tracker::find_by(const Keyframe& keyframe) {
   return relocalizer_.find_by(keyframe, random_for(result_.sequence + keyframe.id));
 }
 
 bool Tracker::relocalize() {
   relocalizer_.take(frame_);
-  const auto found_by = [&](const Keyframe& keyframe) {
-    const std::optional<Pose> T_camera_odom = find_by(keyframe);
-    if (!T_camera_odom) return false;
-    matcher_.project(map_, *T_camera_odom);
-    return match_and_solve(kAroundPrediction, inverse(*T_camera_odom));
+  const auto found_by = [&](Keyframe& keyframe) {
+    const std::optional<FoundPose> found = find_by(keyframe);
+    if (!found) return false;
+    const auto confirmed = [&] {
+      matcher_.project(map_, found->T_camera_odom);
+      return match_and_solve(kAroundPrediction, inverse(found->T_camera_odom));
+    };
+    if (confirmed()) return true;
+    if (!found->sure) return false;
+    // Seen long ago, and its points were given up since.
+    builder_.revive_points(map_, keyframe, result_.sequence, extractor_);
+    return confirmed();
   };
   // The newest keyframe first: most often the camera has only jumped. Then those that look most alike.
-  const Keyframe* newest = map_.newest_keyframe();
+  Keyframe* newest = map_.newest_keyframe();
   if (newest != nullptr && found_by(*newest)) return true;
   const std::span<const PlaceCandidate> alike = places_.query(frame_.descriptors);
   for (const PlaceCandidate& place : alike.first(std::min(alike.size(), kPlacesPerTry))) {
-    const Keyframe& keyframe = map_.keyframes()[place.slot];
+    Keyframe& keyframe = map_.keyframes()[place.slot];
     if (&keyframe != newest && map_.in_segment(keyframe) && found_by(keyframe)) return true;
   }
   return false;

@@ -83,7 +83,7 @@ class Tracker {
   bool follow(const FrameSlot& slot, const Pose& T_odom_camera_predicted);
   bool match_and_solve(const SearchWindow& window, const Pose& T_odom_camera);
   bool relocalize();
-  std::optional<Pose> find_by(const Keyframe& keyframe);
+  std::optional<FoundPose> find_by(const Keyframe& keyframe);
   double seconds_since_pose(const FrameSlot& slot) const {
     return to_seconds(slot.colour_ns - history_[0].stamp_ns);
   }

@@ -30,11 +30,22 @@ constexpr double kSameSpot_px = 12, kSameSpotSlope = 0.03;  // how far depth may
 // What the solver's covariance leaves out: lens, stamps, and errors that many features share.
 constexpr double kLeastSigma_rad = 0.01, kLeastSigma_m = 0.015;
 
+// What is believed of geometry alone.
+constexpr int kFewestAgreeing = 30, kFewestInliers = 50, kFewestDepths = 60;
+constexpr double kAgreeingDepths = 0.8, kLeastSpread = 0.035;
+constexpr double kLargestSigma_m = 0.03, kLargestSigma_rad = 0.02;
+
 Vec3 point_of(const KeyframeFeature& f) {
   return {f.ray_x * f.depth_m, f.ray_y * f.depth_m, f.depth_m};
 }
 
 }  // namespace
+
+bool ViewMatch::is_convincing() const {
+  return agreeing_pairs >= kFewestAgreeing && inliers >= kFewestInliers && depths >= kFewestDepths &&
+         agreeing_depths >= kAgreeingDepths * depths && spread >= kLeastSpread &&
+         sigma_m <= kLargestSigma_m && sigma_rad <= kLargestSigma_rad;
+}
 
 ViewMatcher::ViewMatcher(Arena& arena, const Config::Track& config, const CameraModel& camera)
     : camera_(camera),

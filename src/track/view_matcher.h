@@ -28,6 +28,10 @@ struct ViewMatch {
   int agreeing_depths = 0;  ///< and how many have that depth
   double spread = 0;        ///< of the inliers in a's picture: 1 sigma along the narrower axis, of its width
   double sigma_m = 0, sigma_rad = 0;  ///< 1 sigma of T_a_b along its worst axis
+
+  /// Whether geometry alone speaks for it: enough inliers in number and spread, an accurate pose, and a depth
+  /// picture that agrees.
+  bool is_convincing() const;
 };
 
 /// Looks for the motion between two keyframes that may see the same place, with nothing known of it. It uses

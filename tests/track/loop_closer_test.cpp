@@ -23,11 +23,11 @@ TEST(IsConvincing, EveryMeasureHasItsSay) {
   sound.spread = 0.1;
   sound.sigma_m = 0.016;
   sound.sigma_rad = 0.011;
-  EXPECT_TRUE(LoopCloser::is_convincing(sound));
+  EXPECT_TRUE(sound.is_convincing());
   const auto but = [&](auto change) {
     ViewMatch m = sound;
     change(m);
-    return LoopCloser::is_convincing(m);
+    return m.is_convincing();
   };
   EXPECT_FALSE(but([](ViewMatch& m) { m.agreeing_pairs = 12; })) << "agree by chance";
   EXPECT_FALSE(but([](ViewMatch& m) { m.inliers = 40; }));

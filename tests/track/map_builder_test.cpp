@@ -66,6 +66,32 @@ TEST_F(MapBuilderTest, WhatMayMoveEntersOnProbation) {
   }
 }
 
+TEST_F(MapBuilderTest, PointsThatWereGivenUpComeBackFromTheirKeyframe) {
+  const Pose T{exp_so3({0.1, 0.2, -0.1}), {1, 2, 3}};
+  const Descriptor d = test::random_descriptor(random);
+  see({0.4, -0.2, 2}, d, Label::Static, -1, 2);
+  see({0.1, 0.1, 3}, test::random_descriptor(random));
+  see({0.4, 0.3, 2}, d);
+  frame.features[2].depth_m = 0;
+  Keyframe& k = builder().insert_keyframe(map, posed(T, 42), extractor);
+  const MapPoint before = *map.find(k.features[0].point);
+  const PointRef stays = k.features[1].point;
+  map.remove_point(static_cast<std::size_t>(k.features[0].point.slot));
+
+  builder().revive_points(map, k, 77, extractor);
+  EXPECT_EQ(living(), 2u) << "what has no depth has no place";
+  EXPECT_EQ(k.features[1].point.id, stays.id) << "what is there stays as it is";
+  const MapPoint* point = map.find(k.features[0].point);
+  ASSERT_NE(point, nullptr);
+  EXPECT_EQ(norm(point->p_odom - before.p_odom), 0);
+  EXPECT_EQ(point->information, before.information);
+  EXPECT_EQ(point->reference_octave, 2);
+  EXPECT_EQ(hamming(point->descriptor, d), 0);
+  EXPECT_EQ(point->made_ns, 1000);
+  EXPECT_EQ(point->last_found_sequence, 77u) << "or it would be the first to go";
+  EXPECT_TRUE(point->suspect) << "it has to prove that it stands still";
+}
+
 TEST_F(MapBuilderTest, ThePaperLetsOnlyTheStaticIn) {
   for (const DynamicRule rule : {DynamicRule::Paper, DynamicRule::Off}) {
     clear_frame();

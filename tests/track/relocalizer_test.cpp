@@ -27,7 +27,7 @@ class RelocalizerTest : public testing::Test, protected test::PosedScene {
     for (Feature& f : frame.features) f.label = Label::Static;
     matches.assign(frame.features.size(), {});
   }
-  std::optional<Pose> relocalize(const Keyframe& k, std::uint64_t seed = 1) {
+  std::optional<FoundPose> relocalize(const Keyframe& k, std::uint64_t seed = 1) {
     relocalizer.take(frame);
     return relocalizer.find_by(k, Random(seed));
   }
@@ -45,8 +45,9 @@ TEST_F(RelocalizerTest, FindsARenderedViewAgain) {
     const auto T = relocalize(k);
     ASSERT_TRUE(T) << index;
     const Pose truth = inverse(later.truth.T_world_camera) * start.truth.T_world_camera;
-    EXPECT_LT(norm(T->t - truth.t), 0.03) << index;
-    EXPECT_LT(angle_between(*T, truth), 0.015) << index;
+    EXPECT_LT(norm(T->T_camera_odom.t - truth.t), 0.03) << index;
+    EXPECT_LT(angle_between(T->T_camera_odom, truth), 0.015) << index;
+    EXPECT_TRUE(T->sure) << index;
   }
 }
 
@@ -82,8 +83,8 @@ TEST_F(RelocalizerTest, TheSameRandomGivesTheSamePose) {
   extract(test::Scene(log, 5));
   const auto a = relocalize(k, 4), b = relocalize(k, 4);
   ASSERT_TRUE(a && b);
-  EXPECT_EQ(a->R.m, b->R.m);
-  EXPECT_EQ(norm(a->t - b->t), 0);
+  EXPECT_EQ(a->T_camera_odom.R.m, b->T_camera_odom.R.m);
+  EXPECT_EQ(norm(a->T_camera_odom.t - b->T_camera_odom.t), 0);
 }
 
 }  // namespace

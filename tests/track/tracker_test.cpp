@@ -140,5 +140,30 @@ TEST(Tracker, GoesOnWithAFullMap) {
   EXPECT_LT(test::drift_rmse_m(run), 0.015);
 }
 
+/// Carried back to where it began: keyframes remember places longer than the map remembers points.
+TEST(Tracker, FindsAPlaceWhosePointsWereGivenUp) {
+  Config config = test::synthetic_config();
+  config.track.points = 1200;
+  synthetic::SyntheticLog log({.seed = 2, .people = 0, .path = PathKind::Walk});
+  Arena arena(std::size_t{160} << 20);
+  Tracker tracker(arena, config);
+  std::vector<Tracked> run;
+  const auto see = [&](int index) {
+    Scene scene(log, index);
+    FrameSlot slot = scene.slot(run.size());
+    slot.colour_ns = slot.depth_ns = static_cast<Nanoseconds>(1'000'000'000 + run.size() * 33'333'333);
+    run.push_back({tracker.track(slot, scene.mask()), scene.truth.T_world_camera});
+  };
+  for (int i = 0; i < 320; i += 8) see(i);
+  ASSERT_GT(tracker.point_usage().refused, 2000u) << "the map was not full";
+  for (int i = 0; i < 3; ++i) see(i);
+  for (const Tracked& t : run) {
+    EXPECT_TRUE(t.result.has_pose()) << t.result.sequence;
+    EXPECT_EQ(t.result.segment, 1u);
+  }
+  EXPECT_LT(norm(run[40].result.T_odom_camera.t - run[0].result.T_odom_camera.t), 0.02);
+  EXPECT_LT(test::drift_rmse_m(run), 0.02);
+}
+
 }  // namespace
 }  // namespace stillmap

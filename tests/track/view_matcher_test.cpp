@@ -25,7 +25,7 @@ class ViewMatcherTest : public testing::Test {
   std::optional<ViewMatch> match(std::uint64_t seed = 1) { return matcher.match(*a, *b, Random(seed)); }
   bool convincing() {
     const auto m = match();
-    return m && LoopCloser::is_convincing(*m);
+    return m && m->is_convincing();
   }
   /// Both keyframes see the same corners, b from the world's origin and a from kThere.
   void see_the_same(const std::vector<SceneCorner>& corners) {
@@ -53,7 +53,7 @@ TEST_F(ViewMatcherTest, FindsTheMotionAndCountsWhatSpeaksForIt) {
   EXPECT_EQ(m->in_view, seen);
   EXPECT_EQ(m->agreeing_depths, m->depths);
   EXPECT_GT(m->spread, 0.1);
-  EXPECT_TRUE(LoopCloser::is_convincing(*m));
+  EXPECT_TRUE(m->is_convincing());
 }
 
 /// The information is of the left perturbation: what moves the pose by one sigma costs one.
@@ -120,7 +120,7 @@ TEST_F(ViewMatcherTest, AThingThatIsInTwoPlacesIsNoMatch) {
   const auto m = match();
   ASSERT_TRUE(m) << "the poster alone does fit";
   EXPECT_GE(m->inliers, 100);
-  EXPECT_FALSE(LoopCloser::is_convincing(*m));
+  EXPECT_FALSE(m->is_convincing());
 }
 
 TEST_F(ViewMatcherTest, AFewCornersInOneSpotAreNoMatch) {
@@ -175,7 +175,7 @@ TEST_F(ViewMatcherTest, RenderedViewsMatchAndOtherRoomsDoNot) {
   look(room, 14, *a);
   const auto m = match();
   ASSERT_TRUE(m);
-  EXPECT_TRUE(LoopCloser::is_convincing(*m));
+  EXPECT_TRUE(m->is_convincing());
   const Pose truth = inverse(a->T_odom_camera) * b->T_odom_camera;
   EXPECT_LT(norm(m->T_a_b.t - truth.t), 0.02);
   EXPECT_LT(angle_between(m->T_a_b, truth), 0.01);
