@@ -20,25 +20,25 @@ constexpr double kOff_m = 0.06, kOff_rad = 0.05, kOdometryShare = 0.05;
 LoopCloser::LoopCloser(Arena& arena, const Config::Track& config, const CameraModel& camera)
     : matcher_(arena, config, camera),
       pair_(arena.take<Keyframe>("loop_closer.pair", 2)),
-      point_of_slot_(
-          arena.take<std::uint32_t>("loop_closer.points", static_cast<std::size_t>(config.points))) {}
+      marked_(arena.take<std::uint32_t>("loop_closer.points", static_cast<std::size_t>(config.points))) {}
 
 const Keyframe* LoopCloser::find(const LocalMap& map, KeyframeRef ref) {
   const Keyframe& keyframe = map.keyframes()[ref.slot];
   return keyframe.alive && keyframe.id == ref.id ? &keyframe : nullptr;
 }
 
-int LoopCloser::shared_points(const Keyframe& a, const Keyframe& b) {
-  std::fill(point_of_slot_.begin(), point_of_slot_.end(), 0u);
-  const auto known = [&](PointRef p) -> std::uint32_t& {
-    return point_of_slot_[static_cast<std::size_t>(p.slot)];
-  };
-  for (const KeyframeFeature& f : a.features) {
-    if (f.point.slot >= 0) known(f.point) = f.point.id;
+void LoopCloser::mark_points(const Keyframe& keyframe) {
+  std::fill(marked_.begin(), marked_.end(), 0u);
+  for (const KeyframeFeature& f : keyframe.features) {
+    if (f.point.slot >= 0) marked_[static_cast<std::size_t>(f.point.slot)] = f.point.id;
   }
-  return static_cast<int>(std::count_if(b.features.begin(), b.features.end(), [&](const KeyframeFeature& f) {
-    return f.point.slot >= 0 && known(f.point) == f.point.id;
-  }));
+}
+
+bool LoopCloser::is_tied(const Keyframe& keyframe) const {
+  return kTied <=
+         std::count_if(keyframe.features.begin(), keyframe.features.end(), [&](const KeyframeFeature& f) {
+           return f.point.slot >= 0 && marked_[static_cast<std::size_t>(f.point.slot)] == f.point.id;
+         });
 }
 
 void LoopCloser::ask(const LocalMap& map, std::size_t slot, PlaceIndex& places, std::uint32_t segment_begin) {
@@ -51,11 +51,12 @@ void LoopCloser::ask(const LocalMap& map, std::size_t slot, PlaceIndex& places, 
   asking_ = {slot, a.id};
   candidates_.clear();
   next_ = 0;
-  for (const PlaceCandidate& c : places.query({a.descriptors.data(), a.features.size()})) {
+  mark_points(a);
+  for (const PlaceCandidate& c : places.query(slot)) {
     const Keyframe& b = map.keyframes()[c.slot];
     if (c.features < kFewestResembling || !b.alive || b.id >= a.id) continue;
     const bool apart = a.id - b.id >= kApart || b.id < segment_begin;
-    if (!apart || shared_points(a, b) >= kTied) continue;
+    if (!apart || is_tied(b)) continue;
     if (!candidates_.try_push_back({c.slot, b.id})) break;
   }
   if (!sighting_) return;

@@ -69,7 +69,9 @@ class LoopCloser {
     Pose T_a_b, T_odom_a, T_odom_b;
   };
   static const Keyframe* find(const LocalMap& map, KeyframeRef ref);
-  int shared_points(const Keyframe& a, const Keyframe& b);
+  void mark_points(const Keyframe& keyframe);
+  /// To the keyframe whose points are marked, by points that both see.
+  bool is_tied(const Keyframe& keyframe) const;
   bool confirms(const Sighting& earlier, const Sighting& now) const;
   void end_question() { next_ = candidates_.size(); }
 
@@ -79,7 +81,7 @@ class LoopCloser {
   Random random_{0};
   std::optional<ViewMatch> match_;
 
-  std::span<std::uint32_t> point_of_slot_;  // ids of the asking keyframe's points, by slot
+  std::span<std::uint32_t> marked_;  // ids of the asking keyframe's points, by slot
   KeyframeRef asking_;
   FixedVector<KeyframeRef, kCandidates> candidates_;
   std::size_t next_ = 0;              // candidate at work

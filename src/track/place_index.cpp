@@ -48,6 +48,7 @@ PlaceIndex::PlaceIndex(Arena& arena, std::size_t keyframes, std::size_t features
     for (std::size_t i = 0; i < kKeyBits; ++i) table.bits[i] = even[kTables * i + t];
     table.heads = arena.take<std::uint32_t>("places.buckets", std::size_t{1} << kBucketBits);
     table.next = arena.take<std::uint32_t>("places.chains", keyframes * features);
+    table.before = arena.take<std::uint32_t>("places.chains_back", keyframes * features);
     table.keys = arena.take<std::uint16_t>("places.keys", keyframes * features);
   }
   clear();
@@ -59,9 +60,11 @@ void PlaceIndex::clear() {
 }
 
 void PlaceIndex::take_out(Table& table, Node node) {
-  Node* link = &table.head(table.keys[at(node)]);
-  while (*link != kEnd && *link != node) link = &table.next[at(*link)];
-  if (*link == node) *link = table.next[at(node)];
+  const Node before = table.before[at(node)], next = table.next[at(node)];
+  if (before == kEnd) return;
+  const bool first = before == node;
+  (first ? table.head(table.keys[at(node)]) : table.next[at(before)]) = next;
+  if (next != kEnd) table.before[at(next)] = first ? next : before;
 }
 
 void PlaceIndex::remove(std::size_t slot) {
@@ -80,15 +83,19 @@ void PlaceIndex::insert(std::size_t slot, std::span<const Descriptor> descriptor
   const auto first = static_cast<Node>(slot << 16);
   for (Table& table : tables_) {
     for (Node i = 0; i < descriptors.size(); ++i) {
+      const Node node = first + i;
       const std::uint16_t key = table.key_of(descriptors[i]);
       Node& head = table.head(key);
-      table.keys[at(first + i)] = key;
       // This keyframe's nodes are the chain's first: what it repeats is kept once.
       Node own = head;
       while (own != kEnd && slot_of(own) == slot && table.keys[at(own)] != key) own = table.next[at(own)];
-      if (own != kEnd && slot_of(own) == slot) continue;
-      table.next[at(first + i)] = head;
-      head = first + i;
+      const bool repeats = own != kEnd && slot_of(own) == slot;
+      table.before[at(node)] = repeats ? kEnd : node;
+      if (repeats) continue;
+      table.keys[at(node)] = key;
+      table.next[at(node)] = head;
+      if (head != kEnd) table.before[at(head)] = node;
+      head = node;
     }
   }
 }

@@ -37,6 +37,8 @@ class PlaceIndex {
   void remove(std::size_t slot);
   void clear();
 
+  /// The same for what is inserted as keyframe `slot`, which is among the results.
+  std::span<const PlaceCandidate> query(std::size_t slot) { return query(places_[slot].descriptors); }
   /// Keyframes that a frame with these descriptors resembles, best score first, ties by slot. Valid until the
   /// next call.
   std::span<const PlaceCandidate> query(std::span<const Descriptor> frame);
@@ -52,12 +54,14 @@ class PlaceIndex {
   /// One feature of one keyframe: slot << 16 | feature. Links of this form need no division to follow.
   using Node = std::uint32_t;
   static constexpr Node kEnd = ~Node{0};
-  /// Chains of nodes by the last bits of their keys, the newest first.
+  /// Chains of nodes by the last bits of their keys, the newest first. Dense arrays: what is walked along
+  /// must stay in the cache.
   struct Table {
     std::array<std::uint8_t, kKeyBits> bits{};  // of the descriptor, that make the key
     std::span<Node> heads;                      // by kBucketBits of the key
     std::span<Node> next;                       // by node
-    std::span<std::uint16_t> keys;              // by node: its descriptor may be gone when it is taken out
+    std::span<Node> before;         // by node: itself where it is the first; kEnd where it is in no chain
+    std::span<std::uint16_t> keys;  // by node: its descriptor may be gone when it is taken out
     std::uint16_t key_of(const Descriptor& d) const;
     Node& head(std::uint16_t key) { return heads[key % (std::size_t{1} << kBucketBits)]; }
   };
