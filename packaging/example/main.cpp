@@ -31,8 +31,11 @@ int main(int argc, char** argv) {
   stillmap::RgbdDriver& driver = *source.value().driver;
   if (const auto started = driver.start(); !started.ok()) return refuse(started.error());
 
-  // All memory is taken here: nothing below asks the heap for any.
-  stillmap::Arena arena(std::size_t{64} << 20);
+  // All memory is taken here, as much as a rehearsal asks for: nothing below asks the heap for any.
+  stillmap::Arena rehearsal;
+  static_cast<void>(stillmap::FramePool(rehearsal, 2, config.camera.width, config.camera.height));
+  static_cast<void>(stillmap::Tracker(rehearsal, config));
+  stillmap::Arena arena(rehearsal.bytes_planned());
   stillmap::FramePool frames(arena, 2, config.camera.width, config.camera.height);
   stillmap::Tracker tracker(arena, config);
   const stillmap::DynamicMask nothing_moves;
@@ -46,6 +49,9 @@ int main(int argc, char** argv) {
     frame.sequence = sequence++;
 
     const stillmap::TrackingResult& result = tracker.track(frame, nothing_moves);
+    // Keyframes are adjusted and loops closed beside tracking. Another thread may do it; a robot's should.
+    tracker.adjustment().work();
+    tracker.loops().work();
     if (!result.has_pose()) continue;
     const stillmap::Vec3 t = result.T_map_camera().t;
     std::printf("%.6f %8.4f %8.4f %8.4f\n", stillmap::to_seconds(frame.colour_ns), t.x, t.y, t.z);
