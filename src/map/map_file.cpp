@@ -17,7 +17,7 @@ static_assert(std::endian::native == std::endian::little, "the file holds what l
 static_assert(std::is_trivially_copyable_v<Voxel>);
 
 constexpr std::array<char, 8> kMagic{'s', 't', 'i', 'l', 'l', 'm', 'a', 'p'};
-constexpr std::uint32_t kVersion = 2;
+constexpr std::uint32_t kVersion = 3;
 
 struct BlockHead {
   std::int32_t x = 0, y = 0, z = 0;

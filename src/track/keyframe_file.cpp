@@ -27,8 +27,9 @@ struct KeyframeRecord {
   std::int64_t stamp_ns = 0;
   Pose T_map_camera;
   std::uint32_t tracked_points = 0, features = 0;
+  std::uint32_t segment = 0, unused = 0;
 };
-static_assert(sizeof(KeyframeRecord) == 128);
+static_assert(sizeof(KeyframeRecord) == 136);
 
 struct FeatureRecord {
   float ray_x = 0, ray_y = 0, depth_m = 0;
@@ -46,8 +47,9 @@ struct PointRecord {
   double reference_distance_m = 0;
   std::uint32_t reference_octave = 0, suspect = 0, visible = 0, found = 0;
   Descriptor descriptor;
+  std::uint32_t segment = 0, unused = 0;
 };
-static_assert(sizeof(PointRecord) == 160);
+static_assert(sizeof(PointRecord) == 168);
 
 /// R * A * R^T of symmetric matrices kept as their upper triangle.
 std::array<double, 6> turned(const std::array<double, 6>& a, const Mat3& R) {
@@ -79,7 +81,8 @@ void put_keyframe(const Keyframe& keyframe, const LocalMap& map, const Pose& T_m
                           .stamp_ns = keyframe.stamp_ns,
                           .T_map_camera = T_map_odom * keyframe.T_odom_camera,
                           .tracked_points = static_cast<std::uint32_t>(keyframe.tracked_points),
-                          .features = static_cast<std::uint32_t>(keyframe.features.size())});
+                          .features = static_cast<std::uint32_t>(keyframe.features.size()),
+                          .segment = keyframe.segment});
   for (std::size_t i = 0; i < keyframe.features.size(); ++i) {
     const KeyframeFeature& f = keyframe.features[i];
     const bool stands =
@@ -103,7 +106,8 @@ void put_point(const MapPoint& point, const Pose& T_map_odom, Room& room) {
                        .suspect = point.suspect ? 1U : 0U,
                        .visible = point.visible,
                        .found = point.found,
-                       .descriptor = point.descriptor});
+                       .descriptor = point.descriptor,
+                       .segment = point.segment});
 }
 
 // A file's bytes are a stranger's. What the tracker takes for granted is looked at here, once.
@@ -114,8 +118,9 @@ bool is_finite(Vec3 v) {
 }
 
 bool is_sound(const KeyframeRecord& record) {
-  if (record.id == 0 || record.id > kLargestId || record.features > Keyframe::kMaxFeatures ||
-      record.tracked_points > Keyframe::kMaxFeatures || !is_finite(record.T_map_camera))
+  if (record.id == 0 || record.id > kLargestId || record.segment > kLargestId ||
+      record.features > Keyframe::kMaxFeatures || record.tracked_points > Keyframe::kMaxFeatures ||
+      !is_finite(record.T_map_camera))
     return false;
   const Mat3 rest = transposed(record.T_map_camera.R) * record.T_map_camera.R;
   return std::abs(rest(0, 0) - 1) < 1e-3 && std::abs(rest(1, 1) - 1) < 1e-3 &&
@@ -129,7 +134,7 @@ bool is_sound(const FeatureRecord& f) {
 
 bool is_sound(const PointRecord& point) {
   constexpr std::uint32_t kMost = std::numeric_limits<std::uint16_t>::max();
-  return is_finite(point.p_map) && is_finite(point.view_direction) &&
+  return point.segment <= kLargestId && is_finite(point.p_map) && is_finite(point.view_direction) &&
          std::ranges::all_of(point.information, [](double v) { return std::isfinite(v); }) &&
          std::isfinite(point.reference_distance_m) && point.reference_distance_m > 0 &&
          point.reference_octave < Pyramid::kMaxLevels && point.visible <= kMost && point.found <= kMost;
@@ -191,6 +196,7 @@ using PointRefs = std::unordered_map<std::uint32_t, PointRef>;  // by the id in 
 
 void put_into(LocalMap& map, const KeyframeRecord& record, std::span<const std::byte> features,
               const PointRefs& refs) {
+  map.enter_segment(record.segment);
   Keyframe& keyframe = map.add_keyframe();
   keyframe.id = record.id;
   keyframe.sequence = record.sequence;
@@ -249,7 +255,10 @@ Status read_keyframes(std::span<const std::byte> bytes, LocalMap& map) {
   refs.reserve(points);
   static_cast<void>(for_each_record(
       bytes, [](const KeyframeRecord&, std::span<const std::byte>) {},
-      [&](const PointRecord& record) { refs[record.id] = map.add_point(point_of(record)); }));
+      [&](const PointRecord& record) {
+        map.enter_segment(record.segment);
+        refs[record.id] = map.add_point(point_of(record));
+      }));
   std::uint32_t last_id = 0;
   static_cast<void>(for_each_record(
       bytes,
@@ -259,6 +268,7 @@ Status read_keyframes(std::span<const std::byte> bytes, LocalMap& map) {
       },
       [](const PointRecord&) {}));
   map.begin_keyframe_ids_after(last_id);
+  if (const Keyframe* newest = map.newest_keyframe()) map.enter_segment(newest->segment);
   return {};
 }
 

@@ -75,9 +75,11 @@ MapPoint* LocalMap::find(PointRef ref) {
   return point.alive && point.id == ref.id ? &point : nullptr;
 }
 
-int LocalMap::living_points(const Keyframe& keyframe) {
-  return static_cast<int>(std::count_if(keyframe.features.begin(), keyframe.features.end(),
-                                        [&](const KeyframeFeature& f) { return find(f.point) != nullptr; }));
+void LocalMap::join_segments(std::uint32_t segment, std::uint32_t other) {
+  const auto join = [&](std::uint32_t& s) { s = s == other ? segment : s; };
+  for (MapPoint& point : points_) join(point.segment);
+  for (Keyframe& keyframe : keyframes_) join(keyframe.segment);
+  join(segment_);
 }
 
 std::size_t LocalMap::keyframe_to_reuse() const {
@@ -90,7 +92,7 @@ std::size_t LocalMap::keyframe_to_reuse() const {
   for (std::size_t i = 0; i < keyframes_.size(); ++i) {
     if (keyframes_[i].id + 3 > newest->id) continue;
     for (std::size_t j = 0; j < keyframes_.size(); ++j) {
-      if (i == j) continue;
+      if (i == j || keyframes_[i].segment != keyframes_[j].segment) continue;
       const double apart = distance(keyframes_[i].T_odom_camera, keyframes_[j].T_odom_camera);
       if (apart < smallest) {
         smallest = apart;
@@ -109,6 +111,7 @@ Keyframe& LocalMap::add_keyframe() {
   }
   free->alive = true;
   free->id = next_keyframe_id_++;
+  free->segment = segment_;
   free->features.clear();
   const auto used =
       std::count_if(keyframes_.begin(), keyframes_.end(), [](const Keyframe& k) { return k.alive; });

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <span>
@@ -24,7 +25,7 @@ struct MapPoint {
   bool suspect = false;  ///< found on something that may move; must prove that it stands still
   std::uint16_t visible = 0, found = 0;  ///< frames that should have seen it, frames that did
   std::uint32_t id = 0;  ///< not used twice in 2^32 points, and never 0, so that a stale index is noticed
-  std::uint32_t segment = 0;  ///< in which it was made
+  std::uint32_t segment = 0;  ///< to which it belongs
   Nanoseconds made_ns = 0;    ///< stamp of the frame that it was made from
   std::uint64_t last_found_sequence = 0;
 };
@@ -46,6 +47,7 @@ struct Keyframe {
   static constexpr std::size_t kMaxFeatures = 1200;
   bool alive = false;
   std::uint32_t id = 0;
+  std::uint32_t segment = 0;  ///< to which it belongs
   std::uint64_t sequence = 0;
   Nanoseconds stamp_ns = 0;
   Pose T_odom_camera;
@@ -71,6 +73,7 @@ class LocalMap {
   Keyframe& add_keyframe();
   /// Later ids are of keyframes made from now on.
   void begin_keyframe_ids_after(std::uint32_t id) { next_keyframe_id_ = id + 1; }
+  std::uint32_t next_keyframe_id() const { return next_keyframe_id_; }
   std::span<Keyframe> keyframes() { return keyframes_; }
   std::span<const Keyframe> keyframes() const { return keyframes_; }
   Keyframe* newest_keyframe();
@@ -78,24 +81,18 @@ class LocalMap {
   const Keyframe* find_keyframe(std::uint32_t id) const;
 
   /// What is added from now on is a segment of its own: tracking was lost, and nothing is known of how it
-  /// stands to what was there before.
-  void begin_segment() {
-    first_keyframe_of_segment_ = next_keyframe_id_;
-    ++segment_;
-    apart_ = true;
+  /// stands to what was there before. Segments count from 1.
+  void begin_segment() { segment_ = ++last_segment_; }
+  /// The camera has been found in this one: what is added from now on belongs to it.
+  void enter_segment(std::uint32_t segment) {
+    segment_ = segment;
+    last_segment_ = std::max(last_segment_, segment);
   }
-  /// It is known now.
-  void join_segments() {
-    first_keyframe_of_segment_ = 0;
-    apart_ = false;
-  }
-  /// Keyframes with an id below are of other segments.
-  std::uint32_t first_keyframe_of_segment() const { return first_keyframe_of_segment_; }
-  bool in_segment(const MapPoint& point) const { return !apart_ || point.segment == segment_; }
-  bool in_segment(const Keyframe& keyframe) const { return keyframe.id >= first_keyframe_of_segment_; }
+  /// How `other` stands to `segment` is known now: they are one.
+  void join_segments(std::uint32_t segment, std::uint32_t other);
+  std::uint32_t segment() const { return segment_; }
+  bool in_segment(const MapPoint& point) const { return point.segment == segment_; }
 
-  /// How many of a keyframe's points are alive.
-  int living_points(const Keyframe& keyframe);
   void clear();
   PoolUsage point_usage() const { return {"points", points_.size(), points_high_water_, points_refused_}; }
   PoolUsage keyframe_usage() const {
@@ -115,8 +112,7 @@ class LocalMap {
   // does what a run of months will.
   std::uint32_t next_point_id_ = ~std::uint32_t{0} - 5000;
   std::uint32_t next_keyframe_id_ = 1;  // at three a second they last for 45 years
-  std::uint32_t first_keyframe_of_segment_ = 0, segment_ = 0;
-  bool apart_ = false;
+  std::uint32_t segment_ = 0, last_segment_ = 0;
   std::uint64_t points_high_water_ = 0, points_refused_ = 0, keyframes_high_water_ = 0,
                 keyframes_evicted_ = 0;
 };

@@ -41,7 +41,7 @@ bool LoopCloser::is_tied(const Keyframe& keyframe) const {
          });
 }
 
-void LoopCloser::ask(const LocalMap& map, std::size_t slot, PlaceIndex& places, std::uint32_t segment_begin) {
+void LoopCloser::ask(const LocalMap& map, std::size_t slot, PlaceIndex& places) {
   ++counts_.asked;
   if (busy()) {
     ++counts_.skipped;
@@ -55,7 +55,7 @@ void LoopCloser::ask(const LocalMap& map, std::size_t slot, PlaceIndex& places, 
   for (const PlaceCandidate& c : places.query(slot)) {
     const Keyframe& b = map.keyframes()[c.slot];
     if (c.features < kFewestResembling || !b.alive || b.id >= a.id) continue;
-    const bool apart = a.id - b.id >= kApart || b.id < segment_begin;
+    const bool apart = a.id - b.id >= kApart || b.segment != a.segment;
     if (!apart || is_tied(b)) continue;
     if (!candidates_.try_push_back({c.slot, b.id})) break;
   }

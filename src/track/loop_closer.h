@@ -44,9 +44,9 @@ class LoopCloser {
  public:
   LoopCloser(Arena& arena, const Config::Track& config, const CameraModel& camera);
 
-  /// Asks for keyframe `slot` of `map`; nothing happens while busy. Keyframes with an id below
-  /// `segment_begin` are of older segments: however new, nothing ties them to this one. 0: there is but one.
-  void ask(const LocalMap& map, std::size_t slot, PlaceIndex& places, std::uint32_t segment_begin = 0);
+  /// Asks for keyframe `slot` of `map`; nothing happens while busy. Keyframes of another segment, however
+  /// new, are not tied to this one.
+  void ask(const LocalMap& map, std::size_t slot, PlaceIndex& places);
   /// The newest sighting needs a second one to be believed, and this keyframe can still give it.
   bool awaits(std::uint32_t keyframe_id) const;
   bool busy() const { return next_ < candidates_.size(); }

@@ -29,23 +29,21 @@ class LoopClosing {
     const bool pausing = keyframe.stamp_ns - asked_ns_ < kPause_ns && keyframe.stamp_ns >= asked_ns_;
     if (correcting_ || closer_.busy() || (pausing && !closer_.awaits(keyframe.id))) return;
     asked_ns_ = keyframe.stamp_ns;
-    closer_.ask(map, slot, places, map.first_keyframe_of_segment());
+    closer_.ask(map, slot, places);
   }
   /// The tracker's, once a frame: takes what the worker has found, and gives it what comes next. When a loop
-  /// has been closed, the map is mended, its segments are one, and what map -> odom is to be multiplied by
-  /// from the right is returned.
+  /// has been closed, the map is mended, the segments that it joins are one, and what map -> odom is to be
+  /// multiplied by from the right is returned.
   std::optional<Pose> step(LocalMap& map, Random random) {
     if (turns_.waits()) return std::nullopt;
     std::optional<Pose> moved;
     if (turns_.done()) {
       if (!correcting_) {
         const std::optional<LoopEdge> loop = closer_.judge(map);
-        correcting_ =
-            loop && is_off(map, *loop) && correction_.prepare(map, *loop, map.first_keyframe_of_segment());
+        correcting_ = loop && is_off(map, *loop) && correction_.prepare(map, *loop);
       } else {
         correcting_ = false;
         moved = correction_.apply(map);
-        if (moved) map.join_segments();
       }
       turns_.rest();
     }
@@ -71,7 +69,7 @@ class LoopClosing {
     const Keyframe *a = map.find_keyframe(loop.keyframe_a), *b = map.find_keyframe(loop.keyframe_b);
     if (a == nullptr || b == nullptr) return false;
     const Pose off = a->T_odom_camera * loop.T_a_b * inverse(b->T_odom_camera);
-    return !map.in_segment(*b) || norm((off * b->T_odom_camera).t - b->T_odom_camera.t) > kOff_m ||
+    return a->segment != b->segment || norm((off * b->T_odom_camera).t - b->T_odom_camera.t) > kOff_m ||
            norm(log_so3(off.R)) > kOff_rad;
   }
   Turns turns_;

@@ -59,7 +59,8 @@ void LoopCorrection::collect_nodes(const LocalMap& map) {
   nodes_.clear();
   for (std::size_t slot = 0; slot < map.keyframes().size(); ++slot) {
     const Keyframe& k = map.keyframes()[slot];
-    if (k.alive) static_cast<void>(nodes_.try_push_back({slot, k.id, k.stamp_ns, k.T_odom_camera, {}}));
+    if (k.alive && (k.segment == segment_ || k.segment == other_))
+      static_cast<void>(nodes_.try_push_back({slot, k.id, k.segment, k.stamp_ns, k.T_odom_camera, {}}));
   }
   std::sort(nodes_.begin(), nodes_.end(), [](const Node& a, const Node& b) { return a.id < b.id; });
   graph_.clear();
@@ -73,8 +74,21 @@ Pose LoopCorrection::as_they_stand(std::uint32_t a, std::uint32_t b) const {
   return inverse(nodes_[a].T_odom_camera) * nodes_[b].T_odom_camera;
 }
 
+void LoopCorrection::tie_successive() {
+  constexpr std::uint32_t kNone = ~std::uint32_t{0};
+  std::uint32_t last = kNone, last_of_other = kNone;
+  for (std::uint32_t i = 0; i < nodes_.size(); ++i) {
+    std::uint32_t& before = nodes_[i].segment == segment_ ? last : last_of_other;
+    if (before != kNone) {
+      const Pose T = as_they_stand(before, i);
+      static_cast<void>(graph_.add_edge({before, i, T, odometry_information(T)}));
+    }
+    before = i;
+  }
+}
+
 /// Successive keyframes are tied in any case; this adds those that see the same points.
-void LoopCorrection::tie_by_points(const LocalMap& map, std::uint32_t segment_begin) {
+void LoopCorrection::tie_by_points(const LocalMap& map) {
   std::fill(mark_of_point_.begin(), mark_of_point_.end(), kNoPoint);
   for (std::uint32_t a = 0; a < nodes_.size(); ++a) {
     const Keyframe& from = map.keyframes()[nodes_[a].slot];
@@ -84,7 +98,7 @@ void LoopCorrection::tie_by_points(const LocalMap& map, std::uint32_t segment_be
     std::size_t ties = 0;
     for (std::uint32_t b = a; b-- > 0 && ties + 1 < kTiesPerKeyframe;) {
       const Keyframe& to = map.keyframes()[nodes_[b].slot];
-      if (b + 1 == a || (nodes_[b].id < segment_begin && nodes_[a].id >= segment_begin)) continue;
+      if (b + 1 == a || nodes_[b].segment != nodes_[a].segment) continue;
       int shared = 0;
       for (std::size_t i = 0; i < to.features.size(); i += kStride) {
         const PointRef p = to.features[i].point;
@@ -100,32 +114,35 @@ void LoopCorrection::tie_by_points(const LocalMap& map, std::uint32_t segment_be
   }
 }
 
-bool LoopCorrection::add_loop(const LoopEdge& loop) {
+void LoopCorrection::add_loop(const LoopEdge& loop) {
   const auto a = node_of(loop.keyframe_a), b = node_of(loop.keyframe_b);
-  return a && b && graph_.add_edge({*a, *b, loop.T_a_b, loop.information, true});
+  if (a && b) static_cast<void>(graph_.add_edge({*a, *b, loop.T_a_b, loop.information, true}));
 }
 
-bool LoopCorrection::prepare(const LocalMap& map, const LoopEdge& loop, std::uint32_t segment_begin) {
+bool LoopCorrection::prepare(const LocalMap& map, const LoopEdge& loop) {
+  const Keyframe *a = map.find_keyframe(loop.keyframe_a), *b = map.find_keyframe(loop.keyframe_b);
+  if (a == nullptr || b == nullptr) return false;
+  segment_ = a->segment;
+  other_ = b->segment;
   collect_nodes(map);
   // Loops first: they must find room.
   std::size_t kept = 0;
   for (const LoopEdge& known : loops_) {
-    if (add_loop(known)) loops_[kept++] = known;
+    if (map.find_keyframe(known.keyframe_a) == nullptr || map.find_keyframe(known.keyframe_b) == nullptr)
+      continue;
+    add_loop(known);
+    loops_[kept++] = known;
   }
   loops_.resize_down(kept);
-  if (!add_loop(loop)) return false;
+  add_loop(loop);
   newest_loop_ = graph_.edges().size() - 1;
   if (loops_.full()) {
     std::move(loops_.begin() + 1, loops_.end(), loops_.begin());
     loops_.pop_back();
   }
   static_cast<void>(loops_.try_push_back(loop));
-  for (std::uint32_t i = 1; i < nodes_.size(); ++i) {
-    if (nodes_[i - 1].id < segment_begin && nodes_[i].id >= segment_begin) continue;
-    const Pose T = as_they_stand(i - 1, i);
-    static_cast<void>(graph_.add_edge({i - 1, i, T, odometry_information(T)}));
-  }
-  tie_by_points(map, segment_begin);
+  tie_successive();
+  tie_by_points(map);
   return true;
 }
 
@@ -141,7 +158,7 @@ void LoopCorrection::move_points(LocalMap& map) {
   }
   for (std::size_t slot = 0; slot < map.points().size(); ++slot) {
     MapPoint& point = map.points()[slot];
-    if (!point.alive) continue;
+    if (!point.alive || (point.segment != segment_ && point.segment != other_)) continue;
     std::uint32_t owner = mark_of_point_[slot];
     if (owner == kNoMark) {
       owner = 0;
@@ -163,6 +180,7 @@ std::optional<Pose> LoopCorrection::apply(LocalMap& map) {
     if (keyframe.id == nodes_[n].id) keyframe.T_odom_camera = nodes_[n].T_moved_odom * keyframe.T_odom_camera;
   }
   move_points(map);
+  map.join_segments(segment_, other_);
   return inverse(nodes_[0].T_moved_odom);
 }
 

@@ -19,15 +19,15 @@ class LoopCorrection {
  public:
   LoopCorrection(Arena& arena, std::size_t keyframes, std::size_t points);
 
-  /// Takes over where keyframes stand, and one more loop. Keyframes that share points, and successive ones,
-  /// hold together as they stand now; but nothing ties those with an id below `segment_begin` to the others.
-  /// False where an end is no longer in the map.
-  bool prepare(const LocalMap& map, const LoopEdge& loop, std::uint32_t segment_begin = 0);
+  /// Takes over where the keyframes of the loop's segments stand, and one more loop. Keyframes that share
+  /// points, and successive ones of a segment, hold together as they stand now. False where an end is no
+  /// longer in the map.
+  bool prepare(const LocalMap& map, const LoopEdge& loop);
   /// Some milliseconds; may be another thread's, and the map may go on meanwhile.
   void solve() { graph_.solve(); }
-  /// Takes the solution into the map. What map -> odom is to be multiplied by from the right, so that the
-  /// oldest keyframe stays where it is in the map's frame; nothing, with the map as it was, where the loop
-  /// did not fit the rest.
+  /// Takes the solution into the map, where the loop's segments are one then. What map -> odom is to be
+  /// multiplied by from the right, so that the oldest keyframe stays where it is in the map's frame; nothing,
+  /// with the map as it was, where the loop did not fit the rest.
   std::optional<Pose> apply(LocalMap& map);
   const PoseGraphResult& result() const { return graph_.result(); }
 
@@ -36,6 +36,7 @@ class LoopCorrection {
   struct Node {
     std::size_t slot = 0;
     std::uint32_t id = 0;
+    std::uint32_t segment = 0;
     Nanoseconds stamp_ns = 0;
     Pose T_odom_camera;  // when the correction began
     Pose T_moved_odom;   // takes what stood with it to where that belongs
@@ -43,14 +44,16 @@ class LoopCorrection {
   std::optional<std::uint32_t> node_of(std::uint32_t keyframe_id) const;
   void collect_nodes(const LocalMap& map);
   Pose as_they_stand(std::uint32_t a, std::uint32_t b) const;
-  void tie_by_points(const LocalMap& map, std::uint32_t segment_begin);
-  bool add_loop(const LoopEdge& loop);
+  void tie_by_points(const LocalMap& map);
+  void tie_successive();
+  void add_loop(const LoopEdge& loop);
   void move_points(LocalMap& map);
 
   PoseGraph graph_;
   ArenaVector<Node> nodes_;                 // by id
-  ArenaVector<LoopEdge> loops_;             // with both ends in the map
+  ArenaVector<LoopEdge> loops_;             // with both ends in the map, of any segment
   std::size_t newest_loop_ = 0;             // its edge in the graph
+  std::uint32_t segment_ = 0, other_ = 0;   // that the newest loop ties, or twice the same
   std::span<std::uint32_t> mark_of_point_;  // by slot
 };
 

@@ -81,13 +81,19 @@ Status Tracker::resume(std::span<const std::byte> keyframes) {
   const Keyframe* newest = map_.newest_keyframe();
   if (newest == nullptr) return Error{ExitCode::UnreadableInput, "holds no keyframes to find the camera by"};
   for (const Keyframe& keyframe : map_.keyframes()) {
-    if (keyframe.alive) note_place(keyframe);
+    if (!keyframe.alive) continue;
+    note_place(keyframe);
+    if (keyframe.segment != newest->segment) segment_begin_ = std::max(segment_begin_, keyframe.id + 1);
   }
-  T_odom_keyframe_ = newest->T_odom_camera;
-  keyframe_points_ = newest->tracked_points;
-  result_.reference_keyframe = newest->id;
+  stand_on(*newest);
   result_.state = TrackState::Lost;
   return {};
+}
+
+void Tracker::stand_on(const Keyframe& keyframe) {
+  T_odom_keyframe_ = keyframe.T_odom_camera;
+  keyframe_points_ = keyframe.tracked_points;
+  result_.reference_keyframe = keyframe.id;
 }
 
 void Tracker::note_place(const Keyframe& keyframe) {
@@ -202,7 +208,7 @@ void Tracker::start_map(const FrameSlot& slot) {
   if (usable < kFewestToStart) return;
   std::fill(matches_.begin(), matches_.end(), FeatureMatch{});
   map_.begin_segment();
-  segment_begin_ = map_.first_keyframe_of_segment();
+  segment_begin_ = map_.next_keyframe_id();
   ++result_.segment;
   result_.state = TrackState::Tracking;
   result_.inliers = static_cast<int>(usable);
@@ -211,8 +217,12 @@ void Tracker::start_map(const FrameSlot& slot) {
 }
 
 /// Lost where nothing is known: what is seen from now on hangs together, whatever it has to do with the rest.
+/// A lens that is covered says nothing of where the camera is: that time does not count.
 void Tracker::start_segment(const FrameSlot& slot) {
-  if (static_cast<int>(frame_.features.size()) < kFewestToStart) return;
+  if (static_cast<int>(frame_.features.size()) < kFewestToStart) {
+    lost_since_ns_ = 0;
+    return;
+  }
   if (lost_since_ns_ == 0) lost_since_ns_ = slot.colour_ns;
   if (to_seconds(slot.colour_ns - lost_since_ns_) < config_.track.lost_s) return;
   start_map(slot);
@@ -327,28 +337,42 @@ std::optional<FoundPose> Tracker::find_by(const Keyframe& keyframe) {
   return relocalizer_.find_by(keyframe, random_for(result_.sequence + keyframe.id));
 }
 
-bool Tracker::relocalize() {
-  relocalizer_.take(frame_);
-  const auto found_by = [&](Keyframe& keyframe) {
-    const std::optional<FoundPose> found = find_by(keyframe);
-    if (!found) return false;
-    const auto confirmed = [&] {
-      matcher_.project(map_, found->T_camera_odom);
-      return match_and_solve(kAroundPrediction, inverse(found->T_camera_odom));
-    };
-    if (confirmed()) return true;
-    if (!found->sure) return false;
+bool Tracker::found_by(Keyframe& keyframe) {
+  const std::optional<FoundPose> found = find_by(keyframe);
+  const std::uint32_t lost_in = map_.segment();
+  const bool elsewhere = keyframe.segment != lost_in;
+  if (!found || (elsewhere && !found->sure)) return false;
+  map_.enter_segment(keyframe.segment);
+  const auto confirmed = [&] {
+    matcher_.project(map_, found->T_camera_odom);
+    return match_and_solve(kAroundPrediction, inverse(found->T_camera_odom));
+  };
+  bool sure = confirmed();
+  if (!sure && found->sure) {
     // Seen long ago, and its points were given up since.
     builder_.revive_points(map_, keyframe, result_.sequence, extractor_);
-    return confirmed();
-  };
+    sure = confirmed();
+  }
+  if (!sure) {
+    map_.enter_segment(lost_in);
+  } else if (elsewhere) {
+    stand_on(keyframe);
+    segment_begin_ = map_.next_keyframe_id();
+  }
+  return sure;
+}
+
+bool Tracker::relocalize() {
+  relocalizer_.take(frame_);
   // The newest keyframe first: most often the camera has only jumped. Then those that look most alike.
   Keyframe* newest = map_.newest_keyframe();
   if (newest != nullptr && found_by(*newest)) return true;
-  const std::span<const PlaceCandidate> alike = places_.query(frame_.descriptors);
-  for (const PlaceCandidate& place : alike.first(std::min(alike.size(), kPlacesPerTry))) {
+  std::size_t tried = 0;
+  for (const PlaceCandidate& place : places_.query(frame_.descriptors)) {
     Keyframe& keyframe = map_.keyframes()[place.slot];
-    if (&keyframe != newest && map_.in_segment(keyframe) && found_by(keyframe)) return true;
+    if (&keyframe == newest) continue;
+    if (found_by(keyframe)) return true;
+    if (++tried == kPlacesPerTry) break;
   }
   return false;
 }
@@ -378,10 +402,8 @@ void Tracker::insert_keyframe(const FrameSlot& slot) {
   const Keyframe& keyframe = builder_.insert_keyframe(map_, posed(slot), extractor_);
   note_place(keyframe);
   if (closes_loops_) loops_.ask(map_, static_cast<std::size_t>(&keyframe - map_.keyframes().data()), places_);
-  T_odom_keyframe_ = keyframe.T_odom_camera;
-  keyframe_points_ = keyframe.tracked_points;
+  stand_on(keyframe);
   keyframe_ns_ = keyframe.stamp_ns;
-  result_.reference_keyframe = keyframe.id;
   result_.is_keyframe = true;
   // What few points hold is better left where the motion model put it.
   if (adjusts_ && result_.state == TrackState::Tracking) adjustment_.offer(map_, extractor_);

@@ -37,6 +37,9 @@ namespace stillmap {
 /// One frame: features; label them by the mask; predict the pose; match the local map around the prediction;
 /// solve; match again, narrower, around the solution; solve; judge; refine the map's points; perhaps make a
 /// keyframe.
+///
+/// Whoever calls `track` also sees to `adjustment().work()` and `loops().work()`, from one other thread or
+/// between two frames: without them no keyframe is adjusted, no loop closed and no segment joined.
 class Tracker {
  public:
   Tracker(Arena& arena, const Config& config);
@@ -53,7 +56,7 @@ class Tracker {
   Pose T_odom_reference_keyframe() const { return T_odom_keyframe_; }
   /// Where all keyframes are now, of the newest result's epoch.
   void describe_keyframes(Correction& out) const;
-  /// What a worker does for the local map beside tracking; `track` takes its results.
+  /// What a worker does for the local map beside tracking, where `waits()`; `track` takes its results.
   LocalAdjustment& adjustment() { return adjustment_; }
   LoopClosing& loops() { return loops_; }
   /// Where another thread may say how the robot moved.
@@ -83,6 +86,8 @@ class Tracker {
   bool follow(const FrameSlot& slot, const Pose& T_odom_camera_predicted);
   bool match_and_solve(const SearchWindow& window, const Pose& T_odom_camera);
   bool relocalize();
+  void stand_on(const Keyframe& keyframe);
+  bool found_by(Keyframe& keyframe);
   std::optional<FoundPose> find_by(const Keyframe& keyframe);
   double seconds_since_pose(const FrameSlot& slot) const {
     return to_seconds(slot.colour_ns - history_[0].stamp_ns);
@@ -140,7 +145,7 @@ class Tracker {
   std::optional<PosePrior> prior_;  // of this frame, for when its features alone are not enough
   Pose T_odom_keyframe_;
   int keyframe_points_ = 0;
-  std::uint32_t segment_begin_ = 0;  // the newest segment's first keyframe
+  std::uint32_t segment_begin_ = 0;  // first keyframe since the newest change of segment
   Nanoseconds keyframe_ns_ = 0;
   Nanoseconds lost_since_ns_ = 0;  // first frame of this loss in which there was enough to see; 0: none
 };

@@ -22,7 +22,9 @@ struct KeyframeFile : testing::Test {
   };
 
   KeyframeFile() {
+    map().begin_segment();
     for (int i = 0; i < 1000; ++i) {
+      if (i == 500) map().begin_segment();
       MapPoint point;
       point.p_odom = {0.01 * i, 1, 2};
       point.information = {1, 0, 0, 2, 0, 3};
@@ -37,6 +39,7 @@ struct KeyframeFile : testing::Test {
     }
     map().begin_keyframe_ids_after(100);
     for (int k = 0; k < 6; ++k) {
+      map().enter_segment(k < 3 ? 1 : 2);
       Keyframe& keyframe = map().add_keyframe();
       keyframe.sequence = 100 + static_cast<std::uint64_t>(k);
       keyframe.stamp_ns = 5'000'000'000 + k;
@@ -80,6 +83,7 @@ TEST_F(KeyframeFile, ComesBackInTheMapFrame) {
     const Keyframe &a = map().keyframes()[k], &b = back->map.keyframes()[k];
     ASSERT_TRUE(b.alive);
     EXPECT_EQ(a.id, b.id);
+    EXPECT_EQ(b.segment, k < 3 ? 1u : 2u);
     EXPECT_EQ(a.sequence, b.sequence);
     EXPECT_EQ(a.stamp_ns, b.stamp_ns);
     EXPECT_EQ(a.tracked_points, b.tracked_points);
@@ -98,6 +102,7 @@ TEST_F(KeyframeFile, ComesBackInTheMapFrame) {
       EXPECT_NEAR(q->view_direction.y, 1, 1e-12);
       EXPECT_NEAR(q->information[0], 2, 1e-12);  // what was along y is along x
       EXPECT_NEAR(q->information[3], 1, 1e-12);
+      EXPECT_EQ(p->segment, q->segment);
       EXPECT_EQ(p->suspect, q->suspect);
       EXPECT_EQ(p->visible, q->visible);
       EXPECT_EQ(p->found, q->found);
@@ -105,7 +110,10 @@ TEST_F(KeyframeFile, ComesBackInTheMapFrame) {
     }
   }
   EXPECT_EQ(seen, 6 * 300 - 1);
+  EXPECT_EQ(back->map.segment(), 2u) << "the newest keyframe's";
   EXPECT_EQ(back->map.add_keyframe().id, 107u) << "new keyframes have new ids";
+  back->map.begin_segment();
+  EXPECT_EQ(back->map.segment(), 3u) << "and new segments too";
 }
 
 TEST_F(KeyframeFile, TooLittleRoomIsSaidWithTheKeys) {
@@ -142,7 +150,7 @@ TEST_F(KeyframeFile, CutOrForeignBytesAreRefusedWhole) {
 }
 
 TEST_F(KeyframeFile, WhatTheTrackerCouldNotLiveWithIsRefused) {
-  constexpr std::size_t kHead = 128, kFeature = 56, kKeyframe = kHead + 300 * kFeature,
+  constexpr std::size_t kHead = 136, kFeature = 56, kKeyframe = kHead + 300 * kFeature,
                         kPoints0 = 6 * kKeyframe;
   const float nan = std::numeric_limits<float>::quiet_NaN();
   const double infinite = std::numeric_limits<double>::infinity();
@@ -162,6 +170,8 @@ TEST_F(KeyframeFile, WhatTheTrackerCouldNotLiveWithIsRefused) {
   EXPECT_TRUE(refused(kPoints0 + 8, infinite)) << "place of a point";
   EXPECT_TRUE(refused(kPoints0 + 104, 0.0)) << "distance that it was seen from";
   EXPECT_TRUE(refused(kPoints0 + 112, std::uint32_t{8})) << "its octave";
+  EXPECT_TRUE(refused(128, ~std::uint32_t{0})) << "a segment that leaves no later one";
+  EXPECT_TRUE(refused(kPoints0 + 160, ~std::uint32_t{0})) << "that of a point";
 }
 
 TEST_F(KeyframeFile, ACopierGivesTheSameBytesInBoundedParts) {

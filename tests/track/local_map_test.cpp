@@ -129,8 +129,44 @@ TEST(LocalMap, IdsOfPointsWrapAndAreNeverNone) {
     ASSERT_EQ(map.find(ref), nullptr);
   }
   EXPECT_EQ(wraps, 1u);
-  map.join_segments();
-  EXPECT_TRUE(map.in_segment(*map.find(old)));
+}
+
+TEST(LocalMap, SegmentsAreApartUntilTheyAreJoined) {
+  Arena arena(test::kArenaBytes);
+  LocalMap map(arena, 8, 50);
+  PointRef points[3];
+  Keyframe* keyframes[3];
+  for (int i = 0; i < 3; ++i) {
+    map.begin_segment();
+    points[i] = map.add_point({});
+    keyframes[i] = &map.add_keyframe();
+    EXPECT_EQ(keyframes[i]->segment, map.segment());
+    for (int j = 0; j <= i; ++j) EXPECT_EQ(map.in_segment(*map.find(points[j])), j == i);
+  }
+  map.enter_segment(keyframes[0]->segment);
+  EXPECT_TRUE(map.in_segment(*map.find(points[0])));
+  EXPECT_FALSE(map.in_segment(*map.find(points[2])));
+  EXPECT_EQ(map.add_keyframe().segment, keyframes[0]->segment);
+
+  map.join_segments(keyframes[2]->segment, keyframes[0]->segment);
+  EXPECT_EQ(keyframes[0]->segment, keyframes[2]->segment);
+  EXPECT_TRUE(map.in_segment(*map.find(points[0]))) << "the current one may be the one that is renamed";
+  EXPECT_TRUE(map.in_segment(*map.find(points[2])));
+  EXPECT_FALSE(map.in_segment(*map.find(points[1]))) << "of it, nothing more is known than before";
+  const std::uint32_t joined = map.segment();
+  map.begin_segment();
+  EXPECT_GT(map.segment(), std::max(joined, keyframes[1]->segment)) << "a new one is new";
+}
+
+TEST(LocalMap, AnotherSegmentsKeyframeRepeatsNothing) {
+  Arena arena(test::kArenaBytes);
+  LocalMap map(arena, 6, 50);
+  add_keyframe_at(map, 0);
+  map.begin_segment();
+  for (const double x : {0.0, 1.0, 1.4, 2.4, 3.4}) add_keyframe_at(map, x);
+  add_keyframe_at(map, 4.4);
+  EXPECT_NE(map.find_keyframe(1), nullptr) << "where it seems to lie says nothing";
+  EXPECT_EQ(map.find_keyframe(3), nullptr) << "its neighbour is 40 cm off";
 }
 
 TEST(LocalMap, NewestKeyframeIsTheLastOneAdded) {
@@ -182,19 +218,6 @@ TEST(LocalMap, TheNewestThreeStayHoweverAlike) {
   std::set<std::uint32_t> alive;
   for (const Keyframe& k : map.keyframes()) alive.insert(k.id);
   for (const std::uint32_t id : newest) EXPECT_TRUE(alive.contains(id));
-}
-
-TEST(LocalMap, CountsLivingPoints) {
-  Arena arena(test::kArenaBytes);
-  LocalMap map(arena, 8, 50);
-  Keyframe& k = map.add_keyframe();
-  for (int i = 0; i < 5; ++i) ASSERT_TRUE(k.features.try_push_back({0, 0, 1, 0, map.add_point({})}));
-  ASSERT_TRUE(k.features.try_push_back({}));  // without a point
-  EXPECT_EQ(map.living_points(k), 5);
-  map.remove_point(2);
-  EXPECT_EQ(map.living_points(k), 4);
-  static_cast<void>(map.add_point({}));  // in the same slot
-  EXPECT_EQ(map.living_points(k), 4);
 }
 
 TEST(LocalMap, CanBePlanned) {

@@ -50,8 +50,8 @@ class LoopCorrectionTest : public testing::Test {
     for (std::size_t i = 0; i < 6; ++i) edge.information[7 * i] = i < 3 ? 1e4 : 4e3;
     return edge;
   }
-  std::optional<Pose> correct(const LoopEdge& edge, std::uint32_t segment_begin = 0) {
-    if (!correction.prepare(map, edge, segment_begin)) return std::nullopt;
+  std::optional<Pose> correct(const LoopEdge& edge) {
+    if (!correction.prepare(map, edge)) return std::nullopt;
     correction.solve();
     return correction.apply(map);
   }
@@ -112,19 +112,61 @@ TEST_F(LoopCorrectionTest, ALoopThatCannotBeLeavesTheMapAlone) {
 TEST_F(LoopCorrectionTest, ASegmentIsJoinedHoweverFarAstray) {
   walk(10, {});
   const Pose astray{exp_so3({0.5, -1, 2}), {8, -3, 2}};
-  std::uint32_t segment_begin = 0;
-  for (int i = 10; i < 16; ++i) {
-    const Keyframe& k = add(astray * truth(i), i);
-    if (i == 10) segment_begin = k.id;
-  }
-  const auto change =
-      correct(loop(map.keyframes()[15], map.keyframes()[4], inverse(truth(15)) * truth(4)), segment_begin);
+  map.begin_segment();
+  for (int i = 10; i < 16; ++i) add(astray * truth(i), i);
+  const auto change = correct(loop(map.keyframes()[15], map.keyframes()[4], inverse(truth(15)) * truth(4)));
   ASSERT_TRUE(change);
+  EXPECT_EQ(map.keyframes()[0].segment, map.keyframes()[15].segment) << "they are one now";
+  for (const MapPoint& p : map.points()) EXPECT_TRUE(!p.alive || map.in_segment(p));
   for (std::size_t k = 0; k < 15; ++k) EXPECT_LT(off_m(k, 15), 2e-3) << k;
   for (int k = 0; k < 16; ++k) {
     const Pose T_map_camera = *change * map.keyframes()[static_cast<std::size_t>(k)].T_odom_camera;
     EXPECT_LT(norm(T_map_camera.t - truth(k).t), 2e-3) << "the map is the older segment's";
   }
+}
+
+/// Three segments: the camera was lost twice. What is known of two says nothing of the third.
+TEST_F(LoopCorrectionTest, ASegmentOfWhichNothingIsKnownStaysApart) {
+  walk(8, {});
+  map.begin_segment();
+  const Pose anywhere{exp_so3({0, 1, 0}), {-5, 1, 0}}, astray{exp_so3({0.5, -1, 2}), {8, -3, 2}};
+  for (int i = 8; i < 12; ++i) add(anywhere * truth(i), i);
+  const std::uint32_t apart = map.segment();
+  map.begin_segment();
+  for (int i = 12; i < 18; ++i) add(astray * truth(i), i);
+  const std::vector<Keyframe> before(map.keyframes().begin(), map.keyframes().end());
+  const std::vector<MapPoint> points(map.points().begin(), map.points().end());
+  ASSERT_TRUE(correct(loop(map.keyframes()[17], map.keyframes()[4], inverse(truth(17)) * truth(4))));
+  for (std::size_t k = 0; k < 8; ++k) EXPECT_LT(off_m(k, 17), 2e-3) << k;
+  for (std::size_t k = 8; k < 12; ++k) {
+    EXPECT_EQ(map.keyframes()[k].segment, apart);
+    EXPECT_EQ(norm(map.keyframes()[k].T_odom_camera.t - before[k].T_odom_camera.t), 0) << k;
+  }
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    if (points[i].alive && points[i].segment == apart) {
+      EXPECT_EQ(norm(map.points()[i].p_odom - points[i].p_odom), 0);
+    }
+  }
+  // It is joined once it is known, too, and an earlier loop goes on to count.
+  EXPECT_TRUE(correct(loop(map.keyframes()[10], map.keyframes()[5], inverse(truth(10)) * truth(5))));
+  EXPECT_EQ(map.keyframes()[9].segment, map.segment());
+  for (std::size_t k = 0; k < 17; ++k) EXPECT_LT(off_m(k, 17), 5e-3) << k;
+}
+
+/// Lost, elsewhere for a while, and found again in the first segment.
+TEST_F(LoopCorrectionTest, ASegmentThatWasLeftAndEnteredAgainHoldsTogether) {
+  walk(8, {});
+  const std::uint32_t first = map.segment();
+  map.begin_segment();
+  const std::uint32_t second = map.segment();
+  const Pose astray{exp_so3({0.5, -1, 2}), {8, -3, 2}};
+  for (int i = 8; i < 12; ++i) add(astray * truth(i), i);
+  map.enter_segment(first);
+  for (int i = 12; i < 16; ++i) add(truth(i), i);
+  ASSERT_TRUE(correct(loop(map.keyframes()[15], map.keyframes()[10], inverse(truth(15)) * truth(10))));
+  EXPECT_NE(first, second);
+  for (std::size_t k = 0; k < 16; ++k) EXPECT_EQ(map.keyframes()[k].segment, map.segment());
+  for (std::size_t k = 0; k < 15; ++k) EXPECT_LT(off_m(k, 15), 2e-3) << k;
 }
 
 TEST_F(LoopCorrectionTest, PointsThatTwoKeyframesShareHoldThemTogether) {
