@@ -18,8 +18,9 @@ struct LabelCounts {
   std::uint32_t static_points = 0, dynamic = 0, semi_static = 0, unknown = 0;
 };
 
-/// The tracker's word on one frame, with its own quality. Frames: map -> odom -> camera. odom is smooth and
-/// never jumps; a correction moves T_map_odom and raises the epoch.
+/// The tracker's word on one frame, with its own quality. Frames: map -> odom -> camera. odom is smooth: what
+/// is adjusted among the newest keyframes moves it by a millimetre or so; a correction moves T_map_odom and
+/// raises the epoch. Only who was lost is found elsewhere.
 struct TrackingResult {
   std::uint64_t sequence = 0;
   Nanoseconds stamp_ns = 0;  ///< the frame's colour stamp
@@ -28,7 +29,8 @@ struct TrackingResult {
   Pose T_map_odom;
   std::uint32_t correction_epoch = 0;
   std::uint32_t segment = 0;  ///< counts from 1; after a long loss a new one begins at a predicted pose
-  std::uint32_t reference_keyframe = 0;  ///< id of the keyframe that shares most points with this frame
+  std::uint32_t reference_keyframe =
+      0;  ///< id of the keyframe that this pose hangs on: the newest, or the one it was found by
   bool is_keyframe = false;
   int features = 0, matches = 0, inliers = 0;
   double rms_px = 0;  ///< root mean square reprojection error of the inliers, at full resolution

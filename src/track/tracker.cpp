@@ -213,6 +213,8 @@ void Tracker::start_map(const FrameSlot& slot) {
   result_.state = TrackState::Tracking;
   result_.inliers = static_cast<int>(usable);
   result_.rms_px = 0;
+  // A segment's first pose is where it says it is; what is wrong with the map is wrong with all that follow.
+  result_.covariance = honest_covariance({}, {}, config_.camera.stamp_sigma_s);
   insert_keyframe(slot);
 }
 
