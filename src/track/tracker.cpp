@@ -19,20 +19,15 @@ constexpr std::size_t kFeatureCapacity = Keyframe::kMaxFeatures;
 constexpr SearchWindow kAroundPrediction{.radius_px = 16, .max_distance = 70, .depth_share = 0.15};
 constexpr SearchWindow kWide{.radius_px = 48, .max_distance = 60, .depth_share = 0.25};
 constexpr SearchWindow kAroundSolution{.radius_px = 5, .max_distance = 80, .depth_share = 0.08};
-constexpr std::uint64_t kMoment = 30;     // frames
-constexpr double kSteady_s = 0.15;        // between two frames, for the turn to be as fast in the later one
-constexpr double kShort_s = 0.1;          // a motion model says nothing of what is further ahead
-constexpr int kSurely = 100;              // inliers that no wrong pose has
-constexpr int kPoor = 80;                 // fewer, after a frame with thrice as many: perhaps a wrong one
-constexpr int kFewestToStart = 100;       // points of the first keyframe
-constexpr std::size_t kPlacesPerTry = 2;  // keyframes compared per lost frame, beside the newest
+constexpr std::uint64_t kMoment = 30;  // frames
+constexpr double kSteady_s = 0.15;     // between two frames, for the turn to be as fast in the later one
+constexpr double kLong_s = 0.1;      // between two frames, for a motion model to say little of the later one
+constexpr int kSurely = 100;         // inliers that no wrong pose has
+constexpr int kPoor = 80;            // fewer, after a frame with thrice as many: perhaps a wrong one
+constexpr int kFewestToStart = 100;  // points of the first keyframe
+constexpr std::size_t kPlacesPerTry = 2;     // keyframes compared per lost frame, beside the newest
 constexpr std::size_t kPlaceFeatures = 500;  // of a keyframe, that the place index goes by
 constexpr Nanoseconds kKeyframeGap_ns = 60'000'000;
-
-/// The motion model's trust in itself: what a hand that jerks does to a constant velocity in this time.
-PosePrior motion_prior(const Pose& T_odom_camera_predicted, double seconds) {
-  return {inverse(T_odom_camera_predicted), 0.003 + 10 * seconds * seconds, 0.003 + 2 * seconds * seconds};
-}
 
 Pose mount_of(const Config& config) {
   if (!config.mount.T_base_camera) return {};
@@ -66,10 +61,11 @@ Tracker::Tracker(Arena& arena, const Config& config)
       places_(arena, static_cast<std::size_t>(config.track.keyframes), kPlaceFeatures),
       relocalizer_(arena, config.track, config.camera),
       semi_static_(arena, config.track, config.camera, kFeatureCapacity),
-      motion_(arena, config.camera, kFeatureCapacity),
+      motion_check_(arena, config.camera, kFeatureCapacity),
       adjustment_(arena, config.camera, static_cast<std::size_t>(config.track.points)),
       loops_(arena, config.track, config.camera),
       readout_(arena, config.camera, static_cast<std::size_t>(config.track.points), kFeatureCapacity),
+      motion_(T_base_camera_),
       matches_(arena.take<FeatureMatch>("matches", kFeatureCapacity)),
       observations_(arena.take<PoseObservation>("pose_observations", kFeatureCapacity)),
       observed_feature_(arena.take<std::uint16_t>("pose_observations.feature", kFeatureCapacity)) {
@@ -105,31 +101,8 @@ Random Tracker::random_for(std::uint64_t sequence) const {
   return Random(static_cast<std::uint64_t>(config_.runtime.seed) * 0x9e3779b97f4a7c15ULL + sequence);
 }
 
-/// T_camera_odom at `stamp_ns` by the robot's own account, from the last posed frame on.
-std::optional<PosePrior> Tracker::told(Nanoseconds stamp_ns) {
-  if (history_size_ == 0) return std::nullopt;
-  const std::optional<MotionDelta> motion = odometry_.between(history_[0].stamp_ns, stamp_ns);
-  if (!motion) return std::nullopt;
-  const Pose T_before_now = inverse(T_base_camera_) * motion->T_from_to * T_base_camera_;
-  // A base that turns carries its camera along an arc.
-  const double lever_m = norm(T_base_camera_.t);
-  return PosePrior{inverse(history_[0].T_odom_camera * T_before_now), motion->sigma_rotation_rad,
-                   std::hypot(motion->sigma_translation_m, lever_m * motion->sigma_rotation_rad)};
-}
-
 Pose Tracker::predict(Nanoseconds stamp_ns) {
-  if (history_size_ == 0) return result_.T_odom_camera;
-  if (const std::optional<PosePrior> by_odometry = told(stamp_ns))
-    return inverse(by_odometry->T_camera_world);
-  const PosedStamp& newest = history_[0];
-  if (history_size_ == 1) return newest.T_odom_camera;
-  const double span = to_seconds(newest.stamp_ns - history_[1].stamp_ns);
-  if (span <= 0) return newest.T_odom_camera;  // a stamp that came twice, or a clock that was set back
-  // Beyond a few frames an old velocity says nothing any more.
-  const double ahead = to_seconds(stamp_ns - newest.stamp_ns);
-  const double share = std::clamp(ahead / span, -1.0, 3.0);
-  const Pose step = inverse(history_[1].T_odom_camera) * newest.T_odom_camera;
-  return newest.T_odom_camera * interpolate(Pose{}, step, share);
+  return motion_.predict(stamp_ns).value_or(result_.T_odom_camera);
 }
 
 const TrackingResult& Tracker::track(const FrameSlot& slot, const DynamicMask& mask) {
@@ -149,9 +122,9 @@ const TrackingResult& Tracker::track(const FrameSlot& slot, const DynamicMask& m
   label_features(mask);
   align(slot, predicted);
   std::optional<Vec3> turn_rad_per_s;
-  if (const double seconds = seconds_since_pose(slot);
-      history_size_ > 0 && seconds > 0 && seconds <= kSteady_s) {
-    turn_rad_per_s = (1 / seconds) * log_so3((inverse(history_[0].T_odom_camera) * aligned_).R);
+  if (const double seconds = motion_.seconds_since_pose(slot.colour_ns);
+      motion_.has_pose() && seconds > 0 && seconds <= kSteady_s) {
+    turn_rad_per_s = (1 / seconds) * log_so3((inverse(motion_.last()) * aligned_).R);
     if (readout_.readout_s() != 0)
       straighten_rows(config_.camera, readout_.readout_s() * *turn_rad_per_s, frame_.features);
   }
@@ -171,27 +144,25 @@ const TrackingResult& Tracker::track(const FrameSlot& slot, const DynamicMask& m
   }
   if (result_.has_pose()) {
     lost_since_ns_ = 0;
-    history_[1] = history_[0];
-    history_[0] = {slot.colour_ns, result_.T_odom_camera};
-    history_size_ = std::min(history_size_ + 1, 2);
+    motion_.posed(slot.colour_ns, result_.T_odom_camera);
     inliers_before_ = result_.inliers;
     if (!result_.is_keyframe) {
       if (checks_motion_)
-        motion_.relabel(frame_, grid_, matches(), slot.colour_ns, result_.T_odom_camera, extractor_);
+        motion_check_.relabel(frame_, grid_, matches(), slot.colour_ns, result_.T_odom_camera, extractor_);
       builder_.refine_points(map_, posed(slot), extractor_);
       matcher_.count_visible(map_, slot.depth);
       if (wants_keyframe()) insert_keyframe(slot);
     }
     close_loops(slot.sequence);
     alignment_.remember(slot.depth, mask);
-    motion_.remember(frame_, slot.colour_ns, result_.T_odom_camera);
+    motion_check_.remember(frame_, slot.colour_ns, result_.T_odom_camera);
     // Only with a pose: later frames are compared by the motion between.
     semi_static_.remember(frame_, matches());
   } else {
     alignment_.forget();
     readout_.clear();
-    motion_.clear();
-    history_size_ = std::min(history_size_, 1);
+    motion_check_.clear();
+    motion_.lost();
   }
   count_labels();
   return result_;
@@ -233,23 +204,16 @@ void Tracker::start_segment(const FrameSlot& slot) {
 /// Where the picture as a whole says that the camera is.
 void Tracker::align(const FrameSlot& slot, const Pose& T_odom_camera_predicted) {
   aligned_ = T_odom_camera_predicted;
-  if (!aligns_ || history_size_ == 0) return;
-  const Pose before = history_[0].T_odom_camera;
-  PosePrior motion =
-      told(slot.colour_ns).value_or(motion_prior(T_odom_camera_predicted, seconds_since_pose(slot)));
-  motion.T_camera_world = motion.T_camera_world * before;
-  aligned_ = before * inverse(alignment_.align(motion));
+  if (aligns_ && motion_.has_pose())
+    aligned_ = motion_.last() * inverse(alignment_.align(motion_.step(slot.colour_ns)));
 }
 
 bool Tracker::localize(const FrameSlot& slot, const Pose& T_odom_camera_predicted) {
   const bool was_lost = result_.state == TrackState::Lost;
-  prior_ = told(slot.colour_ns);
+  prior_ = motion_.prior(slot.colour_ns);
   lost_by_looking_ = false;
   bool found = false;
   if (!was_lost || prior_) {
-    const double seconds = seconds_since_pose(slot);
-    if (!prior_ && history_size_ == 2 && seconds <= kShort_s)
-      prior_ = motion_prior(T_odom_camera_predicted, seconds);
     found = follow(slot, T_odom_camera_predicted);
     if (!found && prior_) {
       // What there is corrects the motion model instead of replacing it.
@@ -261,8 +225,8 @@ bool Tracker::localize(const FrameSlot& slot, const Pose& T_odom_camera_predicte
   if (!found) found = relocalize();
   if (!found) return false;
 
-  if (config_.track.dynamic_rule != DynamicRule::Off && history_size_ > 0) {
-    semi_static_.relabel(frame_, matches(), inverse(history_[0].T_odom_camera) * result_.T_odom_camera,
+  if (config_.track.dynamic_rule != DynamicRule::Off && motion_.has_pose()) {
+    semi_static_.relabel(frame_, matches(), inverse(motion_.last()) * result_.T_odom_camera,
                          random_for(slot.sequence));
   }
   matcher_.reproject(map_, inverse(result_.T_odom_camera));
@@ -292,7 +256,7 @@ bool Tracker::follow(const FrameSlot& slot, const Pose& T_odom_camera_predicted)
   wide.found_since = result_.sequence - std::min(result_.sequence, kMoment);
   if (sure(wide, T_odom_camera_predicted)) return true;
   // Wherever it may be, after a step of which no motion model knows.
-  if (seconds_since_pose(slot) > kShort_s) {
+  if (motion_.seconds_since_pose(slot.colour_ns) > kLong_s) {
     relocalizer_.take(frame_);
     const std::optional<FoundPose> by_newest = find_by(*map_.newest_keyframe());
     if (by_newest && sure(kAroundPrediction, inverse(by_newest->T_camera_odom))) return true;
@@ -382,12 +346,9 @@ bool Tracker::relocalize() {
 void Tracker::judge() {
   result_.inliers = estimate_.inliers;
   result_.rms_px = estimate_.rms_px;
-  CameraSpeed speed;
-  if (history_size_ > 0) {
-    speed = speed_between(history_[0].T_odom_camera, result_.T_odom_camera,
-                          to_seconds(result_.stamp_ns - history_[0].stamp_ns));
-  }
-  result_.covariance = honest_covariance(estimate_.covariance, speed, config_.camera.stamp_sigma_s);
+  result_.covariance =
+      honest_covariance(estimate_.covariance, motion_.speed_to(result_.stamp_ns, result_.T_odom_camera),
+                        config_.camera.stamp_sigma_s);
   result_.state = estimate_.inliers >= config_.track.weak_inliers ? TrackState::Tracking : TrackState::Weak;
 }
 
@@ -434,7 +395,7 @@ void Tracker::describe_keyframes(Correction& out) const {
 void Tracker::take_adjustment() {
   const std::optional<Pose> move = adjustment_.collect(map_);
   if (!move) return;
-  for (PosedStamp& posed : history_) posed.T_odom_camera = *move * posed.T_odom_camera;
+  motion_.move(*move);
   result_.T_odom_camera = *move * result_.T_odom_camera;
   T_odom_keyframe_ = *move * T_odom_keyframe_;
 }

@@ -21,7 +21,7 @@
 #include "track/loop_closing.h"
 #include "track/map_builder.h"
 #include "track/motion_check.h"
-#include "track/odometry_source.h"
+#include "track/motion_model.h"
 #include "track/place_index.h"
 #include "track/pose_solver.h"
 #include "track/projection_matcher.h"
@@ -60,7 +60,7 @@ class Tracker {
   LocalAdjustment& adjustment() { return adjustment_; }
   LoopClosing& loops() { return loops_; }
   /// Where another thread may say how the robot moved.
-  OdometrySource& odometry() { return odometry_; }
+  OdometrySource& odometry() { return motion_.odometry(); }
   const LocalMap& local_map() const { return map_; }
   /// Before the first frame: takes over what a KeyframeWriter wrote, and is Lost in it until a frame is
   /// recognised. The errors are `read_keyframes`'.
@@ -80,7 +80,6 @@ class Tracker {
  private:
   void start_map(const FrameSlot& slot);
   void start_segment(const FrameSlot& slot);
-  std::optional<PosePrior> told(Nanoseconds stamp_ns);
   void align(const FrameSlot& slot, const Pose& T_odom_camera_predicted);
   bool localize(const FrameSlot& slot, const Pose& T_odom_camera_predicted);
   bool follow(const FrameSlot& slot, const Pose& T_odom_camera_predicted);
@@ -89,9 +88,6 @@ class Tracker {
   void stand_on(const Keyframe& keyframe);
   bool found_by(Keyframe& keyframe);
   std::optional<FoundPose> find_by(const Keyframe& keyframe);
-  double seconds_since_pose(const FrameSlot& slot) const {
-    return to_seconds(slot.colour_ns - history_[0].stamp_ns);
-  }
   void label_features(const DynamicMask& mask);
   void take_adjustment();
   void close_loops(std::uint64_t sequence);
@@ -121,24 +117,17 @@ class Tracker {
   PlaceIndex places_;
   Relocalizer relocalizer_;
   SemiStaticCheck semi_static_;
-  MotionCheck motion_;
+  MotionCheck motion_check_;
   LocalAdjustment adjustment_;
   LoopClosing loops_;
   ReadoutEstimator readout_;
-  OdometrySource odometry_;
+  MotionModel motion_;
   std::span<FeatureMatch> matches_;
   ArenaVector<PoseObservation> observations_;
   std::span<std::uint16_t> observed_feature_;  // which feature observation i belongs to
 
   TrackingResult result_;
   PoseEstimate estimate_;
-  /// The last two posed frames, for the prediction.
-  struct PosedStamp {
-    Nanoseconds stamp_ns = 0;
-    Pose T_odom_camera;
-  };
-  std::array<PosedStamp, 2> history_;
-  int history_size_ = 0;
   int inliers_before_ = 0;          // of the last posed frame
   Pose aligned_;                    // T_odom_camera of this frame, by small pictures
   bool lost_by_looking_ = false;    // this frame's features alone give no pose
