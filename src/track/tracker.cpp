@@ -218,6 +218,7 @@ bool Tracker::localize(const FrameSlot& slot, const Pose& T_odom_camera_predicte
     if (!found && prior_) {
       // What there is corrects the motion model instead of replacing it.
       lost_by_looking_ = true;
+      matcher_.project(map_, inverse(T_odom_camera_predicted));
       found = match_and_solve(kAroundPrediction, T_odom_camera_predicted);
     }
     if (!found) prior_.reset();
