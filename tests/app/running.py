@@ -14,11 +14,11 @@ from signals_test import endless_log
 
 
 class RunningTest(ProgramTest):
-    def start(self, *args, detector=DETECTOR, environment=None):
+    def start(self, *args, detector=DETECTOR, environment=None, fps=30):
         """The running program, tracking; `self.frames()` tells how many frames it has processed."""
         log = self.path / "endless"
         if not log.exists():
-            endless_log(log, 20_000)  # longer than a test may take: at its end the program closes its port
+            endless_log(log, 20_000, fps)  # longer than a test may take: at its end the program closes its port
         command = run_args("--mode", "realtime", *args, log=log, detector=detector, listen=["--listen", "127.0.0.1:0"])
         self.process = process = subprocess.Popen([PROGRAM, *command], stderr=subprocess.PIPE, text=True, env={**os.environ, **(environment or {})})
         self.said = []

@@ -14,7 +14,7 @@ from pathlib import Path
 from program import DETECTOR, DONE, LOG, NO_DETECTOR, PROGRAM, ProgramTest, run_args
 
 
-def endless_log(folder, frames=5000):
+def endless_log(folder, frames=5000, fps=30):
     """The rendered log again and again, as if the camera stood still for ever; 5000 frames are three minutes."""
     lines = [l.split() for l in (LOG / "associations.txt").read_text().splitlines() if not l.startswith("#")]
     folder.mkdir()
@@ -23,7 +23,7 @@ def endless_log(folder, frames=5000):
     with open(folder / "associations.txt", "w") as out:
         for n in range(frames):
             _, colour, _, depth = lines[n % 2]
-            out.write(f"{1 + n / 30:.6f} {colour} {1 + n / 30:.6f} {depth}\n")
+            out.write(f"{1 + n / fps:.6f} {colour} {1 + n / fps:.6f} {depth}\n")
     return folder
 
 
