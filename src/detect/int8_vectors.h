@@ -39,8 +39,9 @@ inline constexpr bool kAddsIn16Bits = false;
 using Whole = std::int32_t __attribute__((vector_size(4 * kLanes), may_alias));
 using Real = float __attribute__((vector_size(4 * kLanes)));
 using Bytes = std::int8_t __attribute__((vector_size(kLanes), may_alias));
-using Loose = float __attribute__((vector_size(4 * kLanes), aligned(4), may_alias));
-using LooseBytes = std::int8_t __attribute__((vector_size(kLanes), aligned(1), may_alias));
+// As typedefs: of an alias Clang does not heed the alignment.
+typedef float Loose __attribute__((vector_size(4 * kLanes), aligned(4), may_alias));
+typedef std::int8_t LooseBytes __attribute__((vector_size(kLanes), aligned(1), may_alias));
 using Sums = Whole[kTile][kWide];
 
 #if defined(__ARM_NEON)

@@ -33,9 +33,10 @@ class Lens {
     const int seen = static_cast<int>(z >= near_m_) & static_cast<int>(r2 <= max_r2_) &
                      static_cast<int>(u >= 0) & static_cast<int>(u < width_) & static_cast<int>(v >= 0) &
                      static_cast<int>(v < height_);
-    // Clamped before the conversion, which is only defined for what an int can hold.
-    const int column = static_cast<int>(std::clamp(u, 0.0f, width_));
-    const int row = static_cast<int>(std::clamp(v, 0.0f, height_));
+    // Clamped before the conversion, which is only defined for what an int can hold; in this order, so that
+    // NaN becomes 0.
+    const int column = static_cast<int>(std::min(std::max(0.0f, u), width_));
+    const int row = static_cast<int>(std::min(std::max(0.0f, v), height_));
     return {seen != 0 ? column : -1, row};
   }
 
