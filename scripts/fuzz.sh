@@ -13,7 +13,7 @@ seconds=${1:-10}
 targets=("${@:2}")
 [ ${#targets[@]} -gt 0 ] || mapfile -t targets < <(cd tests/fuzz/corpus && ls)
 
-words=$( { cmake --preset fuzz && cmake --build --preset fuzz; } 2>&1) || {
+words=$( { cmake --preset asan && cmake --build --preset asan --target stillmap_fuzz; } 2>&1) || {
   tail -n 30 <<<"$words" >&2
   echo "fuzz.sh: the build failed" >&2
   exit 1
@@ -22,7 +22,7 @@ words=$( { cmake --preset fuzz && cmake --build --preset fuzz; } 2>&1) || {
 fuzz() { # TARGET
   local learned=build/fuzz/corpus/$1 log=build/fuzz/$1.log
   mkdir -p "$learned"
-  if build/fuzz/bin/stillmap_fuzz "--target=$1" "-max_total_time=$seconds" -timeout=10 -rss_limit_mb=1024 -max_len=16384 -print_final_stats=1 \
+  if build/asan/bin/stillmap_fuzz "--target=$1" "-max_total_time=$seconds" -timeout=10 -rss_limit_mb=1024 -max_len=16384 -print_final_stats=1 \
     "-artifact_prefix=build/fuzz/$1-" "$learned" "tests/fuzz/corpus/$1" >"$log" 2>&1; then
     echo "ok      $1: $(sed -n 's/^stat::number_of_executed_units: *//p' "$log") inputs"
   else

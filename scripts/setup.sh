@@ -39,10 +39,10 @@ case "$*" in
   "") ;;
   --arm) packages+=("${arm[@]}") ;;
   --tests|--full)
-    [ "$*" = --tests ] || packages+=("${arm[@]}" lintian debootstrap clang-14 libclang-rt-14-dev cppcheck
+    [ "$*" = --tests ] || packages+=("${arm[@]}" lintian debootstrap cppcheck
       # A virtual ARM board, and what makes its disk.
       qemu-system-arm busybox-static e2fsprogs)
-    packages+=(clang-format clang-tidy shellcheck openssl python3-scipy systemd)
+    packages+=(clang-14 libclang-rt-14-dev clang-format clang-tidy shellcheck openssl python3-scipy systemd)
     # The exported OctoMap tree is read back with it.
     packages+=(liboctomap-dev)
     # The camera driver is tested on a kernel with a virtual camera, in a virtual machine.

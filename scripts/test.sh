@@ -70,11 +70,9 @@ check_format() {
 }
 
 # As the sanitized build joins the sources, so that headers are read once for ten of them; that sources are included is
-# meant there. What of the options and precompiled headers is GCC's own is nothing for clang.
+# meant there.
 check_tidy() {
-  mkdir -p build/tidy
-  sed 's/ -Winvalid-pch -include [^ ]*//; s/ -fsanitize=[^ ]*//; s/ -Wno-subobject-linkage//g' build/asan/compile_commands.json >build/tidy/compile_commands.json
-  run-clang-tidy-14 -quiet -p build/tidy -j "$(nproc)" -checks=-bugprone-suspicious-include \
+  run-clang-tidy-14 -quiet -p build/asan -j "$(nproc)" -checks=-bugprone-suspicious-include \
     "$PWD/(build/asan/(src|drivers)/.*_cxx\.cxx|src/|drivers/)" 2>/dev/null |
     sed 's/\x1b\[[0-9;]*m//g' | grep -vE '^(clang-tidy-14 |$)'
   return "${PIPESTATUS[0]}"
@@ -105,7 +103,7 @@ step "demo" scripts/demo.sh --frames 60 --out build/demo
 # Under sanitizers, scripts and the program's black-box tests say little more than the rooms' tests and take much longer;
 # the tracker's tests render their frames, which takes a sanitizer minutes. What takes bytes or indices from elsewhere is
 # in; segment, eval and paired only calculate. Threads meet in core, stream and runtime only.
-asan_programs=(core_test detect_test map_test stream_test pictures_test tum_log_test recorder_test fuzz_test)
+asan_programs=(core_test detect_test map_test stream_test pictures_test tum_log_test recorder_test fuzz_test stillmap_fuzz)
 asan_tests=(-R '^(core_test|detect_test|map_test|stream_test|pictures_test|tum_log_test|recorder_test|fuzz_test)\.')
 tsan_programs=(core_test stream_test runtime_test)
 # FastTracksEveryFrameInOrder plays without pauses, which takes this sanitizer a minute and a half.
@@ -113,16 +111,17 @@ tsan_tests=(-R '^(core_test\.|stream_test\.|runtime_test\.(Waker|Threads|Lockste
 if [ "$full" = yes ]; then
   asan_programs=(all) asan_tests=() tsan_programs=(all) tsan_tests=()
 fi
-step "build with address and UB sanitizer" build asan "${asan_programs[@]}" &&
+if step "build with address and UB sanitizer" build asan "${asan_programs[@]}"; then
   step "tests with address and UB sanitizer" run_ctest asan "${asan_tests[@]}"
+  step "fuzzing" scripts/fuzz.sh "$([ "$full" = yes ] && echo 600 || echo 10)"
+fi
 step "clang-tidy" check_tidy
 step "build with thread sanitizer" build tsan "${tsan_programs[@]}" &&
   step "tests with thread sanitizer" run_ctest tsan "${tsan_tests[@]}"
 
-# Minutes each: fuzzing (ten a target), ARM under emulation, and the packages.
+# Minutes each: ARM under emulation, and the packages.
 if [ "$full" = yes ]; then
   step "cppcheck" check_cppcheck
-  step "fuzzing" scripts/fuzz.sh 600
   for arm in aarch64 armhf; do
     step "libraries of $arm" toolchains/sysroot.sh "$arm" && step "build $arm" build "$arm" all &&
       step "tests on $arm" run_ctest "$arm"

@@ -4,7 +4,7 @@
 // way.
 #include "runtime/heap_count.h"
 
-#if defined(__GLIBC__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+#if defined(__GLIBC__) && !defined(STILLMAP_SANITIZED)
 
 #include <cerrno>
 #include <cstddef>

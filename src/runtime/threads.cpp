@@ -16,7 +16,7 @@ namespace stillmap {
 
 namespace {
 
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#ifdef STILLMAP_SANITIZED
 constexpr std::size_t kStackBytes = 4 << 20;  // a sanitizer's frames are larger
 #else
 constexpr std::size_t kStackBytes = 256 << 10;

@@ -12,7 +12,7 @@
 namespace stillmap {
 namespace {
 
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#ifdef STILLMAP_SANITIZED
 constexpr bool kInterposed = false;
 #else
 constexpr bool kInterposed = true;

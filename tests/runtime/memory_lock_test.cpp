@@ -16,7 +16,7 @@
 namespace stillmap {
 namespace {
 
-#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+#ifndef STILLMAP_SANITIZED
 
 long locked_kb() {
   std::ifstream status("/proc/self/status");

@@ -14,7 +14,7 @@
 namespace stillmap::test {
 
 /// What the contract gives the stages to stop, of an idle machine; a sanitizer makes them ten times slower.
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#ifdef STILLMAP_SANITIZED
 constexpr double kStopDeadline_s = 20;
 #else
 constexpr double kStopDeadline_s = 2;

@@ -56,7 +56,7 @@ TEST(StageThread, HasNameCoreNicenessAndStack) {
     EXPECT_EQ(seen.cores, pinned ? 1 : cores_of_this_process()) << seen.name;
     EXPECT_EQ(seen.niceness, role == ThreadRole::Detect ? std::min(own + 10, 19) : own) << seen.name;
     EXPECT_EQ(seen.policy, SCHED_OTHER);
-#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+#ifndef STILLMAP_SANITIZED
     EXPECT_EQ(seen.stack_bytes, 256u << 10) << seen.name;
 #endif
   }

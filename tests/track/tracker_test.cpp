@@ -89,7 +89,7 @@ TEST(Tracker, TheSameFramesGiveTheSameNumbers) {
 }
 
 TEST(Tracker, TakesNothingFromTheHeap) {
-#ifdef __SANITIZE_ADDRESS__
+#ifdef STILLMAP_SANITIZED
   GTEST_SKIP() << "the sanitizer brings its own malloc";
 #endif
   synthetic::SyntheticLog log({.seed = 2, .people = 2});

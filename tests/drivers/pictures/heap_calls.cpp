@@ -7,7 +7,7 @@ namespace {
 thread_local long t_calls = 0;
 }
 
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#ifdef STILLMAP_SANITIZED
 namespace stillmap::test {
 bool counts_heap_calls() {
   return false;
