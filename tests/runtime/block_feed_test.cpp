@@ -56,7 +56,7 @@ struct BlockFeedTest : testing::Test {
         if (rest[at++] > 127) length |= static_cast<std::size_t>(rest[at++]) << 7;
         std::uint32_t slot = 0;
         if (rest[at] == 8)
-          slot = rest[at + 1] > 127 ? (rest[at + 1] & 127U) | rest[at + 2] << 7 : rest[at + 1];
+          slot = rest[at + 1] > 127 ? (rest[at + 1] & 127U) | rest[at + 2] * 128U : rest[at + 1];
         ++slots[slot];
         rest = rest.subspan(at + length);
       }
