@@ -72,8 +72,14 @@ Status check_bytes(const std::string& path, const std::vector<char>& bytes) {
   return {};
 }
 
-void put_block(const char* from, BlockTable& table) {
-  const BlockHead head = taken_from<BlockHead>(from);
+bool is_in_reach(const BlockHead& head) {
+  constexpr std::int32_t kReach =
+      1 << 24;  // blocks: farther than any robot goes, near enough to calculate with
+  return std::ranges::all_of(std::array{head.x, head.y, head.z},
+                             [](std::int32_t c) { return c > -kReach && c < kReach; });
+}
+
+void put_block(const char* from, const BlockHead& head, BlockTable& table) {
   const int index = table.find_or_add({head.x, head.y, head.z}, head.anchor_keyframe);
   const std::span<Voxel, kBlockVoxels> voxels = table.voxels(index);
   std::memcpy(voxels.data(), from + sizeof(head), kVoxelBytes);
@@ -160,8 +166,13 @@ Result<MapFile> read_map_file(const std::string& path) {
   static_cast<void>(BlockTable(planning, std::max<std::size_t>(blocks, 1)));
   map.memory = std::make_unique<Arena>(planning.bytes_planned());
   map.blocks = std::make_unique<BlockTable>(*map.memory, std::max<std::size_t>(blocks, 1));
-  for (std::size_t i = 0; i < blocks; ++i)
-    put_block(bytes.data() + sizeof(Header) + i * kBlockBytes, *map.blocks);
+  for (std::size_t i = 0; i < blocks; ++i) {
+    const char* block = bytes.data() + sizeof(Header) + i * kBlockBytes;
+    const BlockHead head = taken_from<BlockHead>(block);
+    if (!is_in_reach(head))
+      return unreadable(path, "has a block farther off than a robot goes; take an earlier one");
+    put_block(block, head, *map.blocks);
+  }
   const std::span<const std::byte> all = std::as_bytes(std::span(bytes));
   const auto keyframes =
       all.subspan(sizeof(Header) + blocks * kBlockBytes, static_cast<std::size_t>(footer.keyframe_bytes));

@@ -10,6 +10,7 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <limits>
 
 #include "map/map_copier.h"
 #include "map/map_queries.h"
@@ -120,6 +121,17 @@ TEST_F(MapFiles, foreign_missing_and_later_files_are_named) {
   EXPECT_NE(error_of_reading().find("version 9"), std::string::npos);
   path_ = folder_;
   EXPECT_NE(error_of_reading(), "none");
+}
+
+TEST_F(MapFiles, a_block_beyond_reach_is_refused) {
+  for (const std::int32_t far : {1 << 24, -(1 << 24), std::numeric_limits<std::int32_t>::min()}) {
+    Block block;
+    block.at = {0, far, 0};
+    MapFileWriter writer(path_, kFacts);
+    writer.append(block, std::array<Voxel, kBlockVoxels>{});
+    ASSERT_TRUE(writer.finish().ok());
+    EXPECT_NE(error_of_reading().find("farther off"), std::string::npos) << far;
+  }
 }
 
 TEST_F(MapFiles, a_block_that_comes_twice_counts_as_it_came_last) {
