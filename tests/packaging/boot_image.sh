@@ -70,6 +70,7 @@ ExecStart=/bin/sh
 StandardInput=socket
 # On emulated cores that the runtime keeps busy.
 Nice=-15
+Environment=SYSTEMD_BUS_TIMEOUT=900
 EOF
 mkdir "$root/etc/systemd/system/sockets.target.wants"
 ln -s /etc/systemd/system/shell.socket "$root/etc/systemd/system/sockets.target.wants/shell.socket"
