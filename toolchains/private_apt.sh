@@ -14,7 +14,7 @@ private_apt() {
     -o APT::Architecture="$1" -o APT::Architectures="$1" -o Dir::State="$2/state" -o Dir::State::status="$2/status"
     -o Dir::Cache="$2/cache" -o Dir::Etc::SourceList="$2/sources" -o Dir::Etc::SourceParts=/dev/null
     -o Dir::Etc::Preferences=/dev/null -o Dir::Etc::PreferencesParts=/dev/null -o APT::Sandbox::User=root
-    -o Acquire::Languages=none -o Acquire::Retries=3 -o APT::Get::List-Cleanup=false
+    -o Acquire::Languages=none -o Acquire::Retries=3 -o APT::Get::List-Cleanup=false -o APT::Update::Error-Mode=any
   )
   apt-get -qq "${private[@]}" update || { echo "Debian's package list for $1 could not be read (apt's words are above)" >&2; return 1; }
 }

@@ -20,6 +20,7 @@ EMULATED = os.environ["STILLMAP_EMULATOR"].split() + [os.environ["STILLMAP_BIN"]
 FRAMES = 12
 MAX_APART_M, MAX_APART_DEG = 0.0005, 0.02
 MAX_COUNT_APART = 0.01  # share of features and voxels
+PLACE_BYTES, VOXEL_BYTES = 12, 15  # x, y, z as floats, then a byte each of red, green and blue
 
 
 def quaternion_angle_deg(a, b):
@@ -31,6 +32,11 @@ def counts(report):
     tracking, features = report["tracking"], report["tracking"]["features"]
     return {"voxels": report["map"]["voxels"], "static": features["static"], "dynamic": features["dynamic"]}, \
         {k: tracking[k] for k in ("tracked", "weak", "lost", "keyframes")} | {"detector_runs": report["detector"]["runs"]}
+
+
+def voxels(ply):
+    body = ply.read_bytes().partition(b"end_header\n")[2]
+    return {body[i:i + PLACE_BYTES] for i in range(0, len(body), VOXEL_BYTES)}
 
 
 class ReplayTest(unittest.TestCase):
@@ -65,6 +71,12 @@ class ReplayTest(unittest.TestCase):
         print(f"poses apart: at most {1000 * apart_m.max():.4f} mm and {apart_deg.max():.5f} degrees")
         self.assertLess(apart_m.max(), MAX_APART_M)
         self.assertLess(apart_deg.max(), MAX_APART_DEG)
+
+    def test_the_maps_are_the_same_places(self):
+        ours, theirs = voxels(self.path / "native.ply"), voxels(self.path / "emulated.ply")
+        print(f"{len(ours ^ theirs)} of {len(ours)} voxels are in one map only")
+        self.assertGreater(len(ours), 1000)
+        self.assertLessEqual(len(ours ^ theirs), MAX_COUNT_APART * len(ours))
 
     def test_the_runs_count_the_same(self):
         (ours, ours_exact), (theirs, theirs_exact) = counts(self.native[1]), counts(self.emulated[1])
