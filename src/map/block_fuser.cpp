@@ -17,8 +17,9 @@ constexpr int kMaxColourWeight = 15;
 // instead finds the same surfaces and makes the wall 3.6 voxels thick instead of 3.1; not counting points
 // loses three tenths of the floor.
 constexpr float kTruncationSigmas = 1.5f;
-constexpr double kEnoughPoints = 0.1;  // of the pixels that a voxel's face would fill
-constexpr float kMostPoints = 255;     // what Voxel::points can hold
+constexpr double kEnoughPoints = 0.1;                     // of the pixels that a voxel's face would fill
+constexpr float kMostPoints = 255;                        // what Voxel::points can hold
+constexpr int kHitNearUnsure = Voxel::kOccupied / 3 + 1;  // three looks make it occupied
 
 std::array<float, 3> narrowed(Vec3 p) {
   return {static_cast<float>(p.x), static_cast<float>(p.y), static_cast<float>(p.z)};
@@ -100,10 +101,8 @@ void BlockFuser::fuse_row(Vec3 begin_map, const Point& begin, const Point& step,
           change.shown |= miss(voxel);
           break;
         case Evidence::Occupied: {
-          const bool waits = trail_ != nullptr && !voxel.occupied() &&
-                             trail_->near(begin_map + Vec3{static_cast<double>(i) * voxel_m_, 0, 0});
-          if (const Bgr* colour = colour_at(p))
-            change.shown |= hit(voxel, *colour, waits ? Voxel::kOccupied - 1 : Voxel::kMax);
+          const Vec3 p_map = begin_map + Vec3{static_cast<double>(i) * voxel_m_, 0, 0};
+          if (const Bgr* colour = colour_at(p)) change.shown |= hit(voxel, *colour, worth_of(voxel, p_map));
           break;
         }
       }
@@ -132,9 +131,22 @@ const Bgr* BlockFuser::colour_at(const Point& p_depth) const {
   return pixel.u < 0 ? nullptr : &colour_.at(pixel.u, pixel.v);
 }
 
-bool BlockFuser::hit(Voxel& voxel, const Bgr& colour, int most) const {
+BlockFuser::Worth BlockFuser::worth_of(const Voxel& voxel, Vec3 p_map) const {
+  if (trail_ == nullptr || voxel.occupied()) return {};
+  switch (trail_->near(p_map)) {
+    case MoverTrail::Nearness::Sure:
+      return {.most = Voxel::kOccupied - 1};
+    case MoverTrail::Nearness::Unsure:
+      return {.step = kHitNearUnsure};
+    case MoverTrail::Nearness::None:
+      break;
+  }
+  return {};
+}
+
+bool BlockFuser::hit(Voxel& voxel, const Bgr& colour, Worth worth) const {
   const Voxel before = voxel;
-  voxel.log_odds = static_cast<std::int8_t>(std::min(voxel.log_odds + looks_ * Voxel::kHit, most));
+  voxel.log_odds = static_cast<std::int8_t>(std::min(voxel.log_odds + looks_ * worth.step, worth.most));
   const int weight = voxel.colour_weight;
   voxel.colour = {averaged(before.colour.b, colour.b, weight), averaged(before.colour.g, colour.g, weight),
                   averaged(before.colour.r, colour.r, weight)};

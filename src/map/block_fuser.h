@@ -22,8 +22,9 @@ namespace stillmap {
 ///   enough measured points lie in the voxel, or |d| <= t / 2: evidence for occupied, and the colour there;
 ///   otherwise, d < -t: seen through, evidence for free;
 ///   otherwise nothing: behind a surface, or too near it to be sure.
-/// Where a mover has just been, nothing becomes occupied that was not; what is seen there counts up to the
-/// brink of it, so that one look after the mover has gone on settles it.
+/// Where a sure mover has just been, nothing becomes occupied that was not; what is seen there counts up to
+/// the brink of it, so that one look after the mover has gone on settles it. Where the mover was not sure, it
+/// takes three looks instead of two.
 ///
 /// Counting points serves surfaces seen at a grazing angle: a voxel that they cross can have its centre far
 /// before them along the ray. Enough is 10 % of the pixels that the voxel's face would fill: fewer is the
@@ -58,8 +59,13 @@ class BlockFuser {
   Evidence evidence(const Voxel& voxel, float depth_m, float measured_m) const;
   /// The colour picture's pixel at a point; null where it is outside.
   const Bgr* colour_at(const Point& p_depth) const;
-  // Both return whether what the voxel shows changed. `most` is the highest log-odds that a hit leads to.
-  bool hit(Voxel& voxel, const Bgr& colour, int most) const;
+  /// What a hit adds to a voxel's log-odds, and how high it takes them at most.
+  struct Worth {
+    int step = Voxel::kHit, most = Voxel::kMax;
+  };
+  Worth worth_of(const Voxel& voxel, Vec3 p_map) const;
+  // Both return whether what the voxel shows changed.
+  bool hit(Voxel& voxel, const Bgr& colour, Worth worth) const;
   bool miss(Voxel& voxel) const;
 
   Lens lens_;

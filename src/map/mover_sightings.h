@@ -32,6 +32,8 @@ class MoverSightings {
   /// Takes in what was found on the frame at `boxes.stamp_ns`, depths measured, and removes the moving boxes
   /// that do not count. Boxes without depth, which have no place, do. True where any was removed.
   bool filter(Detections& boxes, const Pose& T_map_camera);
+  /// From which on a box is sure.
+  float sure_score() const { return sure_score_; }
 
  private:
   struct Sighting {

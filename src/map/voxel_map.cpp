@@ -47,7 +47,7 @@ FuseOutcome VoxelMap::fuse(const FuseInput& input) {
   ++fused_frames_;
   const std::uint16_t frame_mark = next_mark();
   measured_.prepare(input.depth, input.mask);
-  trail_.add_frame(input.depth, input.mask, input.T_map_camera_depth, config_.max_range_m);
+  trail_.add_frame(input.depth, input.mask, input.sure_score, input.T_map_camera_depth, config_.max_range_m);
   mark_points(input, frame_mark);
   fuser_.begin_frame(input.T_map_camera_depth, input.T_map_camera_colour, measured_.z_m(), input.colour,
                      config_.max_range_m, frame_mark);

@@ -27,6 +27,7 @@ struct FuseInput {
   ImageView<const std::uint16_t>
       depth;                          ///< registered to colour, in the camera's depth units, 0 = no reading
   const DynamicMask& mask;            ///< of this frame
+  float sure_score = 0;               ///< from which on a box of the mask surely is what it says
   Pose T_map_camera_depth;            ///< at the depth picture's stamp
   Pose T_map_camera_colour;           ///< at the colour picture's stamp
   std::uint32_t anchor_keyframe = 0;  ///< blocks made now are anchored to it

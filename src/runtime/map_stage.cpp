@@ -100,6 +100,7 @@ void MapStage::fuse(const FrameSlot& frame, const RecentPose& tracked, const Dyn
   static_cast<void>(map_.fuse({.colour = frame.colour,
                                .depth = frame.depth,
                                .mask = mask,
+                               .sure_score = sightings_.sure_score(),
                                .T_map_camera_depth = pose.T_map_depth,
                                .T_map_camera_colour = pose.T_map_colour,
                                .anchor_keyframe = pose.reference_keyframe,

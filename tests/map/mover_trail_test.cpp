@@ -11,9 +11,12 @@
 namespace stillmap {
 namespace {
 
+using Nearness = MoverTrail::Nearness;
 using test::MapUnderTest;
 using test::Picture;
 using test::small_camera;
+
+constexpr float kSureScore = 0.5f;
 
 struct TrailBench {
   TrailBench() { person.mask = silhouette(); }
@@ -23,6 +26,10 @@ struct TrailBench {
     mask.rule = DynamicRule::Silhouette;
     mask.columns = 20;
     mask.rows = 15;
+    Detection mover;
+    mover.kind = ClassKind::Dynamic;
+    mover.score = kSureScore;
+    EXPECT_TRUE(mask.boxes.items.try_push_back(mover));
     return mask;
   }
   /// What stands at 1.5 m in the columns [x0, x1) is a mover.
@@ -36,7 +43,7 @@ struct TrailBench {
   }
   void add(const DynamicMask& mask) {
     const CameraModel& c = scene.camera();
-    trail.add_frame({person.depth.data(), c.width, c.height, c.width}, mask, T_map_camera, 4.5);
+    trail.add_frame({person.depth.data(), c.width, c.height, c.width}, mask, kSureScore, T_map_camera, 4.5);
   }
 
   MapUnderTest scene{small_camera()};
@@ -55,20 +62,20 @@ TEST(MoverTrail, RemembersWhereAMoverWasForAFewFrames) {
   const Vec3 in_mover = b.T_map_camera * Vec3{0, 0, 1.5}, beside = b.T_map_camera * Vec3{0.1, 0, 1.55},
              before = b.T_map_camera * Vec3{0, 0, 1.42}, away = b.T_map_camera * Vec3{0, 0, 1.8},
              right = b.T_map_camera * Vec3{0.7, 0, 1.5};
-  EXPECT_FALSE(b.trail.near(in_mover));
+  EXPECT_EQ(b.trail.near(in_mover), Nearness::None);
   b.add(TrailBench::mover_in_columns(8, 11));
-  EXPECT_TRUE(b.trail.near(in_mover));
-  EXPECT_TRUE(b.trail.near(beside));
-  EXPECT_TRUE(b.trail.near(before));
-  EXPECT_FALSE(b.trail.near(away));
-  EXPECT_FALSE(b.trail.near(right));
+  EXPECT_EQ(b.trail.near(in_mover), Nearness::Sure);
+  EXPECT_EQ(b.trail.near(beside), Nearness::Sure);
+  EXPECT_EQ(b.trail.near(before), Nearness::Sure);
+  EXPECT_EQ(b.trail.near(away), Nearness::None);
+  EXPECT_EQ(b.trail.near(right), Nearness::None);
   for (std::uint32_t i = 0; i < MoverTrail::kFrames; ++i) {
-    EXPECT_TRUE(b.trail.near(in_mover)) << i;
+    EXPECT_EQ(b.trail.near(in_mover), Nearness::Sure) << i;
     b.add(TrailBench::silhouette());
   }
-  EXPECT_TRUE(b.trail.near(in_mover));
+  EXPECT_EQ(b.trail.near(in_mover), Nearness::Sure);
   b.add(TrailBench::silhouette());
-  EXPECT_FALSE(b.trail.near(in_mover));
+  EXPECT_EQ(b.trail.near(in_mover), Nearness::None);
 }
 
 TEST(MoverTrail, OnlyReadingsOfTheMoverCount) {
@@ -76,15 +83,30 @@ TEST(MoverTrail, OnlyReadingsOfTheMoverCount) {
   DynamicMask other_depth = TrailBench::mover_in_columns(8, 11);
   for (DynamicMask::Cell& cell : other_depth.cells) cell.near_mm = cell.far_mm = 1000;
   b.add(other_depth);
-  EXPECT_FALSE(b.trail.near(b.T_map_camera * Vec3{0, 0, 1.5})) << "the reading is behind the mover";
+  EXPECT_EQ(b.trail.near(b.T_map_camera * Vec3{0, 0, 1.5}), Nearness::None)
+      << "the reading is behind the mover";
   DynamicMask chair = TrailBench::mover_in_columns(8, 11);
   for (DynamicMask::Cell& cell : chair.cells) cell.label = Label::SemiStatic;
   b.add(chair);
-  EXPECT_FALSE(b.trail.near(b.T_map_camera * Vec3{0, 0, 1.5}));
+  EXPECT_EQ(b.trail.near(b.T_map_camera * Vec3{0, 0, 1.5}), Nearness::None);
   DynamicMask paper = TrailBench::mover_in_columns(8, 11);
   paper.rule = DynamicRule::Paper;
   b.add(paper);
-  EXPECT_FALSE(b.trail.near(b.T_map_camera * Vec3{0, 0, 1.5}));
+  EXPECT_EQ(b.trail.near(b.T_map_camera * Vec3{0, 0, 1.5}), Nearness::None);
+}
+
+TEST(MoverTrail, AMoverOfWhichTheDetectorIsNotSureIsToldApart) {
+  TrailBench b;
+  const Vec3 p_map = b.T_map_camera * Vec3{0, 0, 1.5};
+  DynamicMask unsure = TrailBench::mover_in_columns(8, 11), sure = unsure;
+  unsure.boxes.items[0].score = kSureScore - 0.01f;
+  b.add(unsure);
+  EXPECT_EQ(b.trail.near(p_map), Nearness::Unsure);
+  b.add(sure);
+  for (std::uint32_t i = 0; i < MoverTrail::kFrames; ++i) b.add(unsure);
+  EXPECT_EQ(b.trail.near(p_map), Nearness::Sure) << "what is sure is not forgotten over what is not";
+  b.add(unsure);
+  EXPECT_EQ(b.trail.near(p_map), Nearness::Unsure);
 }
 
 TEST(MoverTrail, AFullTableForgetsTheOldestFirst) {
@@ -94,7 +116,8 @@ TEST(MoverTrail, AFullTableForgetsTheOldestFirst) {
     b.T_map_camera = {exp_so3({0, 0.1 * i, 0}), {static_cast<double>(i), 0, 0}};
     b.add(TrailBench::mover_in_columns(0, 20));
   }
-  for (double x = -0.6; x <= 0.6; x += 0.1) EXPECT_TRUE(b.trail.near(b.T_map_camera * Vec3{x, 0, 1.5})) << x;
+  for (double x = -0.6; x <= 0.6; x += 0.1)
+    EXPECT_EQ(b.trail.near(b.T_map_camera * Vec3{x, 0, 1.5}), Nearness::Sure) << x;
 }
 
 /// A person that a detector sees in one fused frame of three walks before a wall.
@@ -121,19 +144,34 @@ TEST(MoverTrail, APersonMissedForTwoFramesLeavesNothingInTheMap) {
   EXPECT_GT(occupied_before_wall(100), 100) << "the scene is no test";
 }
 
-/// A wall that a mover was in reach of is mapped by the first look after the mover has gone on.
-TEST(MoverTrail, WhatIsSeenBesideAMoverWaitsForOneLookMore) {
+/// Occupied voxels after each fused frame of a wall that a mover was in reach of when the first came.
+std::vector<std::uint64_t> occupied_beside_mover(float score) {
   TrailBench b;
   std::vector<std::uint64_t> occupied;
   for (std::uint32_t frame = 0; frame <= MoverTrail::kFrames + 1; ++frame) {
     b.person.mask = frame == 0 ? TrailBench::mover_in_columns(0, 20) : TrailBench::silhouette();
-    ASSERT_EQ(b.scene.map().fuse(b.scene.input(b.person, {})), FuseOutcome::Fused);
+    b.person.mask.boxes.items[0].score = score;
+    FuseInput input = b.scene.input(b.person, {});
+    input.sure_score = kSureScore;
+    EXPECT_EQ(b.scene.map().fuse(input), FuseOutcome::Fused);
     occupied.push_back(b.scene.map().occupied_voxels());
   }
-  const std::uint64_t after = occupied.back();
+  return occupied;
+}
+
+constexpr std::uint64_t kFew = 10, kWall = 100;  // a full bucket of the trail forgets a place
+
+TEST(MoverTrail, WhatIsSeenBesideASureMoverWaitsForOneLookMore) {
+  std::vector<std::uint64_t> occupied = occupied_beside_mover(kSureScore);
+  EXPECT_GT(occupied.back(), kWall);
   occupied.pop_back();
-  EXPECT_THAT(occupied, testing::Each(testing::Lt(10u)));  // a full bucket of the trail forgets a place
-  EXPECT_GT(after, 100u);
+  EXPECT_THAT(occupied, testing::Each(testing::Lt(kFew)));
+}
+
+TEST(MoverTrail, WhatIsSeenBesideAnUnsureMoverTakesThreeLooks) {
+  const std::vector<std::uint64_t> occupied = occupied_beside_mover(kSureScore - 0.01f);
+  EXPECT_LT(occupied[2], kFew) << "the mover's frame and two looks";
+  EXPECT_GT(occupied[3], kWall);
 }
 
 }  // namespace

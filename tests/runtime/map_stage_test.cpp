@@ -128,6 +128,31 @@ TEST(MapStage, AWeakBoxKeepsAThingOutWhereItWasSurelyFoundLately) {
   }
 }
 
+/// A thing that was surely found once, and then with `score` until the sixth fused frame, and stands still.
+bool mapped_after_three_looks(float score) {
+  MapStageBench bench(true);
+  for (int i = 0; i <= 14; i += 2) {  // map.fuse_every is 2
+    PosedFrame posed;
+    posed.frame = bench.frame(0);
+    posed.frame.writable().sequence = posed.sequence = static_cast<std::uint64_t>(i);
+    posed.stamp_ns = WallScene::stamp_ns(i);
+    posed.boxes_are_its_own = true;
+    bench.score = i == 0 ? 0.9f : score;
+    Detections boxes = bench.boxes(*bench.frame(0));
+    boxes.stamp_ns = posed.stamp_ns;
+    if (i > 8) boxes.items.clear();
+    segment(boxes, posed.frame->depth, bench.config.camera, DynamicRule::Silhouette, posed.mask);
+    bench.stage.take_frame(std::move(posed));
+  }
+  EXPECT_EQ(bench.stage.counts().own_boxes, 8u);
+  return bench.stage.map().at(thing_in_map(0)) == Occupancy::Occupied;
+}
+
+TEST(MapStage, WhatWasWeaklyFoundIsMappedAfterThreeLooks) {
+  EXPECT_TRUE(mapped_after_three_looks(0.4f));
+  EXPECT_FALSE(mapped_after_three_looks(0.9f));
+}
+
 TEST(MapStage, ThePapersRuleTakesEveryBox) {
   Config config = WallScene::config();
   config.track.dynamic_rule = DynamicRule::Paper;
