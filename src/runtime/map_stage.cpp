@@ -2,6 +2,7 @@
 #include "runtime/map_stage.h"
 
 #include "map/cloud.h"
+#include "runtime/capture.h"
 #include "segment/segment.h"
 
 namespace stillmap {
@@ -95,7 +96,7 @@ void MapStage::take_detected(DetectedFrame&& detected) {
 }
 
 void MapStage::fuse(const FrameSlot& frame, const RecentPose& tracked, const DynamicMask& mask) {
-  const Nanoseconds begin = monotonic_now();
+  const Nanoseconds begin = monotonic_now(), cpu_begin = thread_cpu_now();
   const RecentPose pose = in_map(tracked);
   static_cast<void>(map_.fuse({.colour = frame.colour,
                                .depth = frame.depth,
@@ -108,6 +109,7 @@ void MapStage::fuse(const FrameSlot& frame, const RecentPose& tracked, const Dyn
                                .sequence = frame.sequence}));
   last_fused_sequence_ = frame.sequence;
   fuse_time_.add(monotonic_now() - begin);
+  fuse_cpu_time_.add(thread_cpu_now() - cpu_begin);
 }
 
 void MapStage::answer_cloud_request(StreamServer& server) {

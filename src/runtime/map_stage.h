@@ -63,6 +63,8 @@ class MapStage {
   Nanoseconds newest_ns() const { return newest_ns_; }
   const FuseCounts& counts() const { return counts_; }
   const LatencyHistogram& fuse_time() const { return fuse_time_; }
+  /// The same in the thread's processor time: without what runs on its core meanwhile.
+  const LatencyHistogram& fuse_cpu_time() const { return fuse_cpu_time_; }
 
  private:
   struct RecentPose {
@@ -94,7 +96,7 @@ class MapStage {
   Detections boxes_;  // of the frame at work
   DynamicMask mask_;
   FuseCounts counts_;
-  LatencyHistogram fuse_time_;
+  LatencyHistogram fuse_time_, fuse_cpu_time_;
   std::uint64_t last_fused_sequence_ = 0;
   std::uint64_t cloud_of_change_ = 0;  // the table's `changes()` when the newest cloud was made
   std::uint32_t cloud_of_epoch_ = 0;

@@ -156,7 +156,8 @@ std::string make_report(const RunContext& context, const ReportFacts& facts) {
                           {"track", quantiles(context.track_log.track_time)},
                           {"adjust", quantiles(context.adjust_log.run_time)},
                           {"detect", quantiles(context.detect_log.run_time)},
-                          {"fuse", quantiles(context.stages.map.fuse_time())}};
+                          {"fuse", quantiles(context.stages.map.fuse_time())},
+                          {"fuse_cpu", quantiles(context.stages.map.fuse_cpu_time())}};
   if (!context.driver.describe().is_log) report["capture"] = capture_part(context.capture_log);
   report["throughput_fps"] = rounded(wall_s > 0 ? static_cast<double>(c.processed.load()) / wall_s : 0, 2);
   report["cpu_s"] = rounded(facts.cpu_s, 3);

@@ -98,6 +98,7 @@ TEST(MapStage, WithoutADetectorEveryNthFrameIsFused) {
   EXPECT_EQ(bench.stage.counts().carried_boxes, 10u);
   EXPECT_EQ(bench.stage.counts().own_boxes, 0u);
   EXPECT_EQ(bench.stage.fuse_time().count(), 10u);
+  EXPECT_EQ(bench.stage.fuse_cpu_time().count(), 10u);
   EXPECT_EQ(bench.stage.map().at(thing_in_map(18)), Occupancy::Occupied);  // nothing says that it moves
   bench.expect_every_frame_free();
 }
