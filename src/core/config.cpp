@@ -195,8 +195,20 @@ std::string number_text(double v) {
   return out.str();
 }
 
+/// As TOML's basic strings are written: what is dumped reads back the same.
 std::string quoted(const std::string& s) {
-  return "\"" + s + "\"";
+  std::string text = "\"";
+  for (const char c : s) {
+    const auto code = static_cast<unsigned char>(c);
+    if (code < 0x20 || code == 0x7f) {
+      constexpr const char* kDigits = "0123456789abcdef";
+      text += {'\\', 'u', '0', '0', kDigits[code / 16], kDigits[code % 16]};
+    } else {
+      if (c == '"' || c == '\\') text += '\\';
+      text += c;
+    }
+  }
+  return text + "\"";
 }
 
 std::string list_text(const auto& items, const auto& text_of) {
@@ -431,14 +443,11 @@ Status apply_override(std::vector<Key>& keys, const std::string& text) {
     table = toml::parse(name + " = " + value);
   } catch (const toml::parse_error&) {
     try {
-      table = toml::parse(name + " = ''");
+      table = toml::parse(name + " = " + quoted(value));
     } catch (const toml::parse_error&) {
       return wrong("--set " + text + ": '" + name +
-                   "' is not a key; `stillmap check --dump` lists every key");
+                   "' is not a key (`stillmap check --dump` lists every key), or its value no UTF-8 text");
     }
-    toml::node* node = &table;
-    while (toml::table* inner = node->as_table()) node = &inner->begin()->second;
-    *node->as_string() = value;
   }
   if (table.empty()) return wrong("--set " + text + ": '" + name + "' is a comment, not a key");
   return apply_table(keys, table, "", "--set", {});

@@ -96,6 +96,19 @@ TEST_F(ConfigFiles, SetTakesBareWordsPathsAndToml) {
   EXPECT_THAT(config({}, {"classes.dynamic=[\"person\"]"}).classes.dynamic, testing::ElementsAre("person"));
 }
 
+TEST_F(ConfigFiles, ATextIsDumpedAsTomlThatReadsBackTheSame) {
+  for (const std::string text :
+       {R"(Bob"s cam)", R"(C:\cam)", "two\nlines\tand\x01\x7f", "# no comment", "\u00fc"}) {
+    const auto loaded = load({}, {"camera.name=" + text});
+    ASSERT_TRUE(loaded.ok()) << loaded.error().message;
+    EXPECT_EQ(loaded.value().config.mount.name, text);
+    const std::string dumped = entry(loaded.value(), "camera.name").value;
+    EXPECT_EQ(dumped.find('\n'), std::string::npos) << "one line a key";
+    EXPECT_EQ(config({write("again.toml", "camera.name = " + dumped + "\n")}).mount.name, text) << dumped;
+  }
+  EXPECT_THAT(error({}, {"camera.name=\xff\xfe"}), HasSubstr("camera.name")) << "what no TOML file can hold";
+}
+
 TEST_F(ConfigFiles, LettersBeyondAsciiStandInQuotesAndCommentsOnly) {
   EXPECT_EQ(config({write("a.toml", "# \u00fcber\n[detector]\nmodel = '/h\u00f6me/\u3042'")}).detector.model,
             "/h\u00f6me/\u3042");
