@@ -544,6 +544,10 @@ Result<LoadedConfig> load_config(std::span<const std::string> files, std::span<c
   if (Status s = apply_table(keys, toml::parse(kDefaultClasses), "", "built in", {}); !s.ok())
     return s.error();
   for (const std::string& file : files) {
+    if (file.empty())
+      return wrong(
+          "--config names no file; give a camera file, for the service as CAMERA in "
+          "/etc/stillmap/stillmap.env");
     if (!std::filesystem::is_regular_file(file)) return wrong(file + ": no such configuration file");
     try {
       const toml::table table = toml::parse_file(file);

@@ -3,7 +3,7 @@
 import re
 import unittest
 
-from program import DONE, SOURCE, stillmap
+from program import DONE, SOURCE, WRONG_CONFIG, stillmap
 
 FIRMWARE = SOURCE / "firmware-config"
 BOARDS, CAMERAS, CLASSES, MODELS = (sorted((FIRMWARE / kind).glob("*.toml")) for kind in ("boards", "cameras", "classes", "models"))
@@ -43,11 +43,25 @@ class ProfilesTest(unittest.TestCase):
                 result = stillmap("check", "--config", CAMERAS[0], "--config", table)
                 self.assertEqual(result.returncode, DONE, result.stderr)
 
-    def test_the_service_starts_shipped_profiles(self):
-        named = re.findall(r"^(?:BOARD|CAMERA)=/usr/share/stillmap/(.*)$", (FIRMWARE / "systemd/stillmap.env").read_text(), re.M)
-        self.assertEqual(len(named), 2)
-        for name in named:
-            self.assertTrue((SOURCE / name).is_file(), name)
+    def service_run(self, **settings):
+        """What the service's command says with its settings as shipped, but for these; it stops before it opens anything."""
+        env = dict(re.findall(r"^([A-Z]+)=(.*)$", (FIRMWARE / "systemd/stillmap.env").read_text(), re.M)) | settings
+        command = re.search(r"^ExecStart=/usr/bin/stillmap (run .*)$", (FIRMWARE / "systemd/stillmap.service").read_text(), re.M)[1]
+        args = []
+        for word in command.split():
+            if word.startswith("${"):
+                args.append(env[word[2:-1]].replace("/usr/share/stillmap", str(SOURCE)))
+            else:
+                args += env[word[1:]].split() if word.startswith("$") else [word]
+        return stillmap(*args, "--source", "none")
+
+    def test_the_service_takes_no_camera_for_another(self):
+        refused = self.service_run()
+        self.assertEqual(refused.returncode, WRONG_CONFIG)
+        for words in ("--config names no file", "/etc/stillmap/stillmap.env", "CAMERA"):
+            self.assertIn(words, refused.stderr)
+        for camera in CAMERAS:
+            self.assertIn("--source none: expected tum:DIR", self.service_run(CAMERA=str(camera)).stderr)
 
     def test_the_service_may_lock_and_hold_the_largest_budget(self):
         unit = (FIRMWARE / "systemd/stillmap.service").read_text()

@@ -143,6 +143,8 @@ TEST_F(ConfigFiles, PathsInAFileAreRelativeToIt) {
 TEST_F(ConfigFiles, FileErrorsNameTheFileAndTheLine) {
   EXPECT_THAT(error({"/no/such.toml"}), HasSubstr("/no/such.toml: no such configuration file"));
   EXPECT_THAT(error({folder_.string()}), HasSubstr("no such configuration file"));
+  EXPECT_THAT(error({""}),
+              AllOf(HasSubstr("--config names no file"), HasSubstr("/etc/stillmap/stillmap.env")));
   const std::string broken = write("broken.toml", "[track]\nfeatures = 5 00\n");
   EXPECT_THAT(error({broken}), HasSubstr(broken + ":2: not valid TOML"));
   const std::string twice = write("twice.toml", "[track]\nfeatures = 500\nfeatures = 600\n");
