@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <cstdio>
 #include <memory>
+#include <string_view>
 
 #include "app/commands.h"
+#include "drivers/tum_log/frame_list.h"
 #include "eval/accuracy.h"
 #include "runtime/output_file.h"
 #include "runtime/report.h"
@@ -12,15 +14,30 @@ namespace stillmap {
 namespace {
 
 struct EvalOptions {
-  std::string groundtruth, estimate, report;
+  std::string groundtruth, estimate, source, report;
 };
+
+/// The colour stamps of the frames that a run on `source` is offered; none where no source is given.
+Result<std::vector<Nanoseconds>> frame_stamps(const std::string& source) {
+  std::vector<Nanoseconds> stamps;
+  if (source.empty()) return stamps;
+  constexpr std::string_view kLog = "tum:";
+  if (!source.starts_with(kLog))
+    return Error{ExitCode::WrongConfig, "--source " + source + ": expected tum:DIR, the log that was played"};
+  const auto frames = read_frame_list(source.substr(kLog.size()));
+  if (!frames.ok()) return frames.error();
+  for (const ListedFrame& frame : frames.value()) stamps.push_back(frame.colour_ns);
+  return stamps;
+}
 
 Status eval(const EvalOptions& o) {
   const auto groundtruth = read_trajectory(o.groundtruth);
   if (!groundtruth.ok()) return groundtruth.error();
   const auto estimate = read_trajectory(o.estimate);
   if (!estimate.ok()) return estimate.error();
-  const Result<Accuracy> result = evaluate(groundtruth.value(), estimate.value(), {});
+  const auto stamps = frame_stamps(o.source);
+  if (!stamps.ok()) return stamps.error();
+  const Result<Accuracy> result = evaluate(groundtruth.value(), estimate.value(), stamps.value());
   if (!result.ok()) return result.error();
   const std::string text = accuracy_json(result.value());
   if (!o.report.empty()) return write_text(o.report, text);
@@ -35,6 +52,8 @@ void add_eval_command(CLI::App& app, Action& action) {
   CLI::App* eval_app = app.add_subcommand("eval", "Compare a trajectory with ground truth");
   eval_app->add_option("--groundtruth", o->groundtruth, "TUM trajectory")->required();
   eval_app->add_option("--estimate", o->estimate, "TUM trajectory")->required();
+  eval_app->add_option("--source", o->source,
+                       "tum:DIR, the log that was played, for the coverage of its frames");
   eval_app->add_option("--report", o->report, "JSON file; without it, standard output");
   eval_app->callback([o, &action] { action = [o] { return eval(*o); }; });
 }

@@ -118,22 +118,12 @@ void relative_errors(const std::vector<Match>& matches, Accuracy& accuracy) {
   accuracy.rpe_frame_rmse_m = frame_m.rmse();
 }
 
-double coverage_of(std::span<const StampedPose> groundtruth, const std::vector<Match>& matches,
+double coverage_of(std::span<const StampedPose> groundtruth, std::size_t matches,
                    std::span<const Nanoseconds> frame_stamps) {
-  double possible = 0;
-  if (!frame_stamps.empty()) {
-    possible = static_cast<double>(std::count_if(frame_stamps.begin(), frame_stamps.end(),
-                                                 [&](Nanoseconds t) { return has_truth(groundtruth, t); }));
-  } else {
-    std::vector<Nanoseconds> intervals;
-    for (std::size_t i = 1; i < matches.size(); ++i) {
-      intervals.push_back(matches[i].stamp_ns - matches[i - 1].stamp_ns);
-    }
-    std::nth_element(intervals.begin(), intervals.begin() + std::ssize(intervals) / 2, intervals.end());
-    const Nanoseconds span_ns = groundtruth.back().stamp_ns - groundtruth.front().stamp_ns;
-    possible = 1 + static_cast<double>(span_ns) / static_cast<double>(intervals[intervals.size() / 2]);
-  }
-  return std::min(1.0, static_cast<double>(matches.size()) / std::max(possible, 1.0));
+  if (frame_stamps.empty()) return std::numeric_limits<double>::quiet_NaN();
+  const auto possible = std::count_if(frame_stamps.begin(), frame_stamps.end(),
+                                      [&](Nanoseconds t) { return has_truth(groundtruth, t); });
+  return std::min(1.0, static_cast<double>(matches) / std::max(static_cast<double>(possible), 1.0));
 }
 
 Error wrong(std::string message) {
@@ -173,7 +163,7 @@ Result<Accuracy> evaluate(std::span<const StampedPose> groundtruth, std::span<co
   }
   Accuracy accuracy;
   accuracy.matched_poses = matches.size();
-  accuracy.coverage = coverage_of(groundtruth, matches, frame_stamps);
+  accuracy.coverage = coverage_of(groundtruth, matches.size(), frame_stamps);
   const Pose T_truth_estimate = alignment(matches);
   ErrorSum absolute;
   for (const Match& m : matches) absolute.add(norm(T_truth_estimate * m.estimate.t - m.truth.t));

@@ -18,7 +18,8 @@ struct Accuracy {
   /// The same from each matched pose to the next.
   double rpe_frame_rmse_m = 0;
   std::size_t matched_poses = 0;
-  /// Matched poses over frames that could have matched, 0 to 1. The errors tell of this share only.
+  /// Matched poses over frames that could have matched, 0 to 1. The errors tell of this share only. NaN where
+  /// the frames are not known.
   double coverage = 0;
 };
 
@@ -30,9 +31,7 @@ struct Accuracy {
 /// in the estimate is not measured over another time.
 ///
 /// `frame_stamps` are the colour stamps of all offered frames; coverage counts those with ground truth within
-/// 20 ms. With none given, coverage is taken over the ground truth's time span: matched poses over the number
-/// that the estimate's own median interval would put there. Ground truth that starts before or ends after the
-/// log lowers that.
+/// 20 ms. What frames there were, neither of the trajectories tells.
 ///
 /// Errors (UnreadableInput): stamps that do not rise, a pose that is not finite, fewer than three matches.
 Result<Accuracy> evaluate(std::span<const StampedPose> groundtruth, std::span<const StampedPose> estimate,

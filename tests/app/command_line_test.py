@@ -283,7 +283,7 @@ class Eval(ProgramTest):
         figures = json.loads(result.stdout)
         self.assertEqual(set(figures), self.KEYS)
         self.assertLess(figures["ate_rmse_m"], 1e-6)
-        self.assertEqual((figures["matched_poses"], figures["coverage"]), (4, 1))
+        self.assertEqual((figures["matched_poses"], figures["coverage"]), (4, None))
         # Each corner 10 % farther out: no turn or shift helps, each is off by 0.1 * sqrt(0.5).
         larger = self.write("larger.txt", [(1, 0, 0), (2, 1.1, 0), (3, 1.1, 1.1), (4, 0, 1.1)])
         figures = json.loads(stillmap("eval", "--groundtruth", truth, "--estimate", larger).stdout)
@@ -295,6 +295,24 @@ class Eval(ProgramTest):
         short = self.write("short.txt", [(1, 0, 0), (1.1, 1, 0), (1.2, 1, 1)])
         figures = json.loads(stillmap("eval", "--groundtruth", short, "--estimate", short).stdout)
         self.assertIsNone(figures["rpe_1s_rmse_m"])
+
+    def test_with_the_log_it_says_what_the_run_said(self):
+        # Ground truth begins before a log and ends after it; some frames of this one cannot be read.
+        log, estimate, report = link_log(self.path / "log", 30), self.path / "t.txt", self.path / "r.json"
+        for picture in sorted((log / "rgb").iterdir())[10:16]:
+            picture.unlink()
+            picture.write_text("no picture")
+        result = stillmap(*run_args("--mode", "lockstep", "--trajectory", estimate, "--report", report, "--groundtruth", GROUNDTRUTH, log=log))
+        self.assertEqual(result.returncode, DONE, result.stderr)
+        said = json.loads(report.read_text())["accuracy"]
+        self.assertEqual((said["matched_poses"], said["coverage"]), (24, 24 / 30))
+        pair = ["eval", "--groundtruth", GROUNDTRUTH, "--estimate", estimate]
+        for source, coverage, note in ((["--source", f"tum:{log}"], 24 / 30, True), ([], None, False)):
+            figures = json.loads(stillmap(*pair, *source).stdout)
+            self.assertEqual((figures["matched_poses"], figures["coverage"], "note" in figures), (24, coverage, note))
+            self.assertAlmostEqual(figures["ate_rmse_m"], said["ate_rmse_m"], places=5)
+        self.assert_error(stillmap(*pair, "--source", log), WRONG_CONFIG, f"--source {log}: expected tum:DIR", lines=1)
+        self.assert_error(stillmap(*pair, "--source", "tum:/none"), UNREADABLE_INPUT, "/none", lines=1)
 
     def test_report_file(self):
         report = self.path / "e.json"
