@@ -90,7 +90,9 @@ def read(path):
         raise Unusable(f"has no {missing}; calibrate again") from None
     except RecursionError:
         raise Unusable("is nested too deeply for a calibration") from None
-    except (OSError, ValueError, yaml.YAMLError) as error:
+    except OSError as error:
+        raise Unusable(f"{error.strerror}; give the YAML file of a calibration") from None
+    except (ValueError, yaml.YAMLError) as error:
         raise Unusable(str(error).replace("\n", " ")) from None
 
 

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
 #include <cstdio>
 
 #include "app/commands.h"
@@ -13,11 +14,15 @@ void add_doctor_command(CLI::App& app, Action& action) {
   doctor_app->add_option("--root", *root, "Where /sys and /dev are looked for")->group("");
   doctor_app->callback([root, &action] {
     action = [root]() -> Status {
-      for (const Finding& finding : examine_machine(*root)) {
+      const std::vector<Finding> findings = examine_machine(*root);
+      for (const Finding& finding : findings) {
         std::printf("%-4s %s\n", finding.good ? "ok" : "BAD", finding.what.c_str());
         if (!finding.good) std::printf("     mend: %s\n", finding.mend.c_str());
       }
-      return {};
+      const auto bad = std::ranges::count(findings, false, &Finding::good);
+      if (bad == 0) return {};
+      return Error{ExitCode::RunFailed, std::to_string(bad) + " of " + std::to_string(findings.size()) +
+                                            " findings are BAD; their mends stand below them"};
     };
   });
 }

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <cstdio>
 #include <memory>
-#include <string_view>
 
 #include "app/commands.h"
 #include "drivers/tum_log/frame_list.h"
 #include "eval/accuracy.h"
 #include "runtime/output_file.h"
 #include "runtime/report.h"
+#include "runtime/source.h"
 
 namespace stillmap {
 
@@ -21,10 +21,9 @@ struct EvalOptions {
 Result<std::vector<Nanoseconds>> frame_stamps(const std::string& source) {
   std::vector<Nanoseconds> stamps;
   if (source.empty()) return stamps;
-  constexpr std::string_view kLog = "tum:";
-  if (!source.starts_with(kLog))
-    return Error{ExitCode::WrongConfig, "--source " + source + ": expected tum:DIR, the log that was played"};
-  const auto frames = read_frame_list(source.substr(kLog.size()));
+  const Result<std::string> folder = log_folder(source);
+  if (!folder.ok()) return folder.error();
+  const auto frames = read_frame_list(folder.value());
   if (!frames.ok()) return frames.error();
   for (const ListedFrame& frame : frames.value()) stamps.push_back(frame.colour_ns);
   return stamps;

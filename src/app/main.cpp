@@ -10,6 +10,8 @@
 
 namespace {
 
+constexpr const char* kSeeHelp = "; see `stillmap --help` and `stillmap COMMAND --help`";
+
 /// Errors are one line, whatever stands in the name of a file.
 void say_error(const std::string& words) {
   std::string line = "stillmap: " + words;
@@ -36,10 +38,17 @@ int main(int argc, char** argv) {
   stillmap::add_doctor_command(app, action);
   try {
     app.parse(argc, argv);
+  } catch (const CLI::ExtrasError& e) {
+    std::string hint = kSeeHelp;
+    for (const std::string& word : app.remaining(true)) {
+      if (const std::string meant = stillmap::meant_source(word); !meant.empty()) hint = meant;
+    }
+    say_error(e.what() + hint);
+    return static_cast<int>(stillmap::ExitCode::WrongConfig);
   } catch (const CLI::ParseError& e) {
     if (e.get_exit_code() == static_cast<int>(CLI::ExitCodes::Success))
       return app.exit(e);  // --help, --version
-    say_error(std::string(e.what()) + "; see `stillmap --help` and `stillmap COMMAND --help`");
+    say_error(std::string(e.what()) + kSeeHelp);
     return static_cast<int>(stillmap::ExitCode::WrongConfig);
   }
   try {

@@ -1,11 +1,52 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <map>
+#include <algorithm>
+#include <array>
+#include <filesystem>
 #include <memory>
+#include <utility>
 
 #include "app/commands.h"
 #include "runtime/run.h"
 
 namespace stillmap {
+
+namespace {
+
+/// Two outputs in one file, or one in the ground truth's, leave only what is written last.
+Status check_files_differ(const RunOptions& o) {
+  const std::array<std::pair<const char*, const std::string*>, 5> files{
+      {{"--groundtruth", &o.groundtruth},
+       {"--trajectory", &o.trajectory},
+       {"--trajectory-final", &o.trajectory_final},
+       {"--map", &o.map},
+       {"--report", &o.report}}};
+  const auto place = [](const std::string& path) {
+    std::error_code unknown;
+    return std::filesystem::weakly_canonical(path, unknown);
+  };
+  for (auto one = files.begin(); one != files.end(); ++one) {
+    for (auto other = files.begin(); other != one; ++other) {
+      if (one->second->empty() || other->second->empty() || place(*one->second) != place(*other->second))
+        continue;
+      return Error{ExitCode::WrongConfig, std::string(other->first) + " and " + one->first +
+                                              " name the same file, " + *one->second + "; give each its own"};
+    }
+  }
+  return {};
+}
+
+void add_mode(CLI::App& run_app, const std::shared_ptr<RunOptions>& o) {
+  std::vector<std::string> words;
+  for (const RunMode mode : kRunModes) words.emplace_back(to_string(mode));
+  const auto store = [o](const std::string& word) {
+    o->mode = *std::ranges::find(kRunModes, word, [](RunMode m) { return std::string(to_string(m)); });
+  };
+  run_app
+      .add_option_function<std::string>("--mode", store, "live (cameras), realtime, fast or lockstep (logs)")
+      ->check(CLI::IsMember(words));
+}
+
+}  // namespace
 
 void add_run_command(CLI::App& app, Action& action) {
   const auto o = std::make_shared<RunOptions>();
@@ -17,11 +58,7 @@ void add_run_command(CLI::App& app, Action& action) {
       "--source", o->source,
       "tum:DIR, v4l2:COLOUR,DEPTH, openni2:[URI|FILE.oni] or libcamera:ID[,DEPTH]; without it, "
       "the first camera");
-  run_app->add_option("--mode", o->mode, "live (cameras), realtime, fast or lockstep (logs)")
-      ->transform(CLI::CheckedTransformer(std::map<std::string, RunMode>{{"live", RunMode::Live},
-                                                                         {"realtime", RunMode::Realtime},
-                                                                         {"fast", RunMode::Fast},
-                                                                         {"lockstep", RunMode::Lockstep}}));
+  add_mode(*run_app, o);
   const CLI::Option* delay = run_app
                                  ->add_option("--detector-delay", o->detector.delay,
                                               "Frames that the detector's boxes come late (lockstep)")
@@ -54,11 +91,13 @@ void add_run_command(CLI::App& app, Action& action) {
   run_app->callback([o, &action, delay, every, adjust] {
     const bool timed = delay->count() + every->count() + adjust->count() > 0;
     action = [o, timed]() -> Status {
-      if (!timed || o->mode == RunMode::Lockstep) return run(*o);
-      return Error{ExitCode::WrongConfig,
-                   "--detector-delay, --detector-every and --adjust-delay are lockstep's; in every other "
-                   "mode the work "
-                   "takes the time it takes; add --mode lockstep"};
+      if (timed && o->mode != RunMode::Lockstep)
+        return Error{
+            ExitCode::WrongConfig,
+            "--detector-delay, --detector-every and --adjust-delay are lockstep's; in every other mode "
+            "the work takes the time it takes; add --mode lockstep"};
+      if (Status s = check_files_differ(*o); !s.ok()) return s;
+      return run(*o);
     };
   });
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
 #include <optional>
 #include <string>
 #include <vector>
@@ -11,6 +12,8 @@ namespace stillmap {
 /// the same way, on the wall clock. Fast: a log through the same threads as fast as they can, every frame.
 /// Lockstep: every frame through every stage in turn on one thread; the same input gives the same bytes.
 enum class RunMode { Live, Realtime, Fast, Lockstep };
+inline constexpr std::array<RunMode, 4> kRunModes{RunMode::Live, RunMode::Realtime, RunMode::Fast,
+                                                  RunMode::Lockstep};
 const char* to_string(RunMode mode);
 
 /// The detector as lockstep stands in for it: its boxes come so many frames late, and it looks at every n-th

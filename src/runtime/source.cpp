@@ -2,8 +2,11 @@
 #include "runtime/source.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstring>
+#include <filesystem>
+#include <system_error>
 #include <utility>
 
 #include "drivers/paired/paired.h"
@@ -18,7 +21,7 @@ namespace stillmap {
 
 namespace {
 
-constexpr const char* kOpenni2 = "openni2:";
+constexpr const char *kTum = "tum:", *kV4l2 = "v4l2:", *kOpenni2 = "openni2:", *kLibcamera = "libcamera:";
 
 Paired::Setup pair_setup(const std::string& uri, const Config& config) {
   Paired::Setup setup{.name = uri, .colour = config.camera, .fps = config.mount.fps};
@@ -29,8 +32,10 @@ Paired::Setup pair_setup(const std::string& uri, const Config& config) {
   return setup;
 }
 
-Result<OpenedSource> open_log(const std::string& folder, const Config& config, int loops) {
-  auto log = std::make_unique<TumLog>(folder, config.camera.width, config.camera.height, loops);
+Result<OpenedSource> open_log(const std::string& uri, const Config& config, int loops) {
+  const Result<std::string> folder = log_folder(uri);
+  if (!folder.ok()) return folder.error();
+  auto log = std::make_unique<TumLog>(folder.value(), config.camera.width, config.camera.height, loops);
   if (Status s = log->open(); !s.ok()) return s.error();
   OpenedSource source;
   source.stamps.assign(log->colour_stamps().begin(), log->colour_stamps().end());
@@ -174,7 +179,7 @@ Result<OpenedSource> open_source(const std::string& uri, const Config& config, i
   const std::string scheme = uri.substr(0, colon);
   const std::string rest = colon == std::string::npos ? "" : uri.substr(colon + 1);
   if (colon != std::string::npos) {
-    if (scheme == "tum") return open_log(rest, config, loops);
+    if (scheme == "tum") return open_log(uri, config, loops);
     if (loops > 1) {
       return Error{ExitCode::WrongConfig, "--loop " + std::to_string(loops) + ": " + uri +
                                               " can be played once only; --loop is for tum:DIR"};
@@ -193,7 +198,31 @@ Result<OpenedSource> open_source(const std::string& uri, const Config& config, i
                "--source " + uri +
                    ": expected tum:DIR (a folder in the TUM RGB-D layout), "
                    "v4l2:COLOUR,DEPTH, openni2:[URI|FILE.oni] or libcamera:ID[,DEPTH]; this program has " +
-                   source_kinds()};
+                   source_kinds() + meant_source(uri)};
+}
+
+Result<std::string> log_folder(const std::string& uri) {
+  if (!uri.starts_with(kTum))
+    return Error{ExitCode::WrongConfig,
+                 "--source " + uri + ": expected tum:DIR, the log that was played" + meant_source(uri)};
+  std::string path = uri.substr(std::strlen(kTum));
+  if (path.empty())
+    return Error{ExitCode::WrongConfig,
+                 "--source tum:: names no folder; give the one that holds rgb.txt and depth.txt"};
+  std::error_code unknown;
+  if (std::filesystem::is_regular_file(path, unknown))
+    return Error{ExitCode::UnreadableInput, path +
+                                                ": is a file; give the folder that holds it: --source tum:" +
+                                                std::filesystem::absolute(path).parent_path().string()};
+  return path;
+}
+
+std::string meant_source(const std::string& word) {
+  std::error_code unknown;
+  const bool whole = std::ranges::any_of(std::array{kTum, kV4l2, kOpenni2, kLibcamera},
+                                         [&](const char* kind) { return word.starts_with(kind); });
+  if (!whole && !std::filesystem::is_directory(word, unknown)) return "";
+  return "; did you mean `--source " + (whole ? word : kTum + word) + "`?";
 }
 
 std::vector<FoundSource> find_sources() {

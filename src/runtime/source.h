@@ -24,6 +24,14 @@ struct OpenedSource {
 /// backwards in turn; what else was opened cannot be.
 Result<OpenedSource> open_source(const std::string& uri, const Config& config, int loops);
 
+/// The folder of the log that `tum:DIR` names. The error tells a URI of another kind from a folder that is
+/// none.
+Result<std::string> log_folder(const std::string& uri);
+
+/// The source that somebody meant by `word`, as "; did you mean `--source URI`?"; empty where it is like
+/// none.
+std::string meant_source(const std::string& word);
+
 /// What can be opened on this machine now.
 struct FoundSource {
   std::string uri;          ///< for --source; empty for a device that needs a partner

@@ -15,8 +15,8 @@ namespace stillmap::stream {
 Result<ListenAddress> parse_listen_address(const std::string& text) {
   const Error wrong{ExitCode::WrongConfig,
                     "stream.listen: \"" + text +
-                        "\" is not ADDR:PORT with a numeric address and a port from 0 to 65535;"
-                        " write for example 127.0.0.1:8765, [::1]:8765 or off"};
+                        "\" is not ADDR:PORT with a numeric address or localhost and a port from 0 to "
+                        "65535; write for example 127.0.0.1:8765, [::1]:8765 or off"};
   const std::size_t colon = text.rfind(':');
   if (colon == std::string::npos) return wrong;
   ListenAddress address;
@@ -25,6 +25,7 @@ Result<ListenAddress> parse_listen_address(const std::string& text) {
   if (error != std::errc() || stop != end || address.port < 0 || address.port > 65535) return wrong;
   address.ipv6 = colon >= 2 && text.front() == '[' && text[colon - 1] == ']';
   address.host = address.ipv6 ? text.substr(1, colon - 2) : text.substr(0, colon);
+  if (address.host == "localhost") address.host = "127.0.0.1";
   in6_addr parsed{};
   if (inet_pton(address.ipv6 ? AF_INET6 : AF_INET, address.host.c_str(), &parsed) != 1) return wrong;
   return address;

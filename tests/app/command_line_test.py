@@ -24,6 +24,7 @@ class Help(ProgramTest):
             self.assertIn(command, whole.stdout)
             self.assertEqual(stillmap(command, "--help").returncode, DONE)
         options = stillmap("run", "--help").stdout
+        self.assertRegex(options, r"--mode TEXT:\{live,realtime,fast,lockstep\}\s")
         for option in ("--config", "--set", "--source", "--mode", "--trajectory", "--map", "--report", "--groundtruth", "--listen",
                        "--loop", "--duration"):
             self.assertIn(option, options)
@@ -47,8 +48,10 @@ class Machine(ProgramTest):
 
     def test_doctor_gives_each_finding_with_its_mend(self):
         result = stillmap("doctor", "--root", self.fake_root())
-        self.assertEqual((result.returncode, result.stderr), (DONE, ""))
         lines = result.stdout.splitlines()
+        bad = sum(line.startswith("BAD") for line in lines)
+        self.assertGreaterEqual(bad, 3)
+        self.assertEqual((result.returncode, result.stderr), (RUN_FAILED, f"stillmap: {bad} of {len(lines) - bad} findings are BAD; their mends stand below them\n"))
         for line, following in zip(lines, lines[1:] + [""]):
             self.assertEqual(line.startswith("BAD"), following.startswith("     mend: "), result.stdout)
         self.assertRegex(result.stdout, r"(?m)^(ok  |BAD ) core speed: \d+ million")
@@ -66,6 +69,22 @@ class Machine(ProgramTest):
         self.assertEqual(result.returncode, DONE)
         self.assertNotEqual(bool(result.stdout), "no camera found" in result.stderr)
 
+    def test_a_source_without_its_option_or_its_kind_is_understood(self):
+        for args, meant in (([f"tum:{LOG}"], f"tum:{LOG}"), ([LOG], f"tum:{LOG}"), (["v4l2:/dev/video0,/dev/video1"], "v4l2:/dev/video0,/dev/video1"),
+                            (["--source", LOG], f"tum:{LOG}")):
+            with self.subTest(args=args):
+                self.assert_error(stillmap("run", *CAMERA, *NO_DETECTOR, *QUIET, *args), WRONG_CONFIG, f"did you mean `--source {meant}`?", lines=1)
+        for args in (["stray"], ["--source", "stray"]):
+            result = stillmap("run", *CAMERA, *NO_DETECTOR, *QUIET, *args)
+            self.assert_error(result, WRONG_CONFIG, "stray", lines=1)
+            self.assertNotIn("did you mean", result.stderr)
+
+    def test_a_log_that_is_no_folder(self):
+        estimate = ["eval", "--groundtruth", GROUNDTRUTH, "--estimate", GROUNDTRUTH]
+        for command in (["run", *CAMERA, *NO_DETECTOR, *QUIET], estimate):
+            self.assert_error(stillmap(*command, "--source", "tum:"), WRONG_CONFIG, "--source tum:: names no folder", "rgb.txt", lines=1)
+            self.assert_error(stillmap(*command, "--source", f"tum:{GROUNDTRUTH}"), UNREADABLE_INPUT, f"{GROUNDTRUTH}: is a file", f"tum:{LOG}", lines=1)
+
     @unittest.skipIf(stillmap("devices").stdout, "this machine has a camera")
     def test_run_without_a_source_and_without_a_camera(self):
         self.assert_error(stillmap("run"), RUN_FAILED, "no camera found", "stillmap doctor", "--source tum:DIR", lines=1)
@@ -81,7 +100,7 @@ class Machine(ProgramTest):
 
 class Arguments(ProgramTest):
     def test_wrong_arguments(self):
-        for args in ([], ["fly"], ["run", "--fly"], run_args("--mode", "slow"), run_args("--detector-delay", "-1"),
+        for args in ([], ["fly"], ["run", "--fly"], run_args("--mode", "slow"), run_args("--mode", "2"), run_args("--detector-delay", "-1"),
                      run_args("--detector-every", "0"), run_args("--duration", "-1"), run_args("--loop", "0"), ["eval"], ["check", "stray"]):
             with self.subTest(args=args):
                 self.assert_error(stillmap(*args), WRONG_CONFIG, "--help", lines=1)
@@ -112,6 +131,15 @@ class Arguments(ProgramTest):
             with self.subTest(source=source):
                 result = stillmap("run", *CAMERA, *NO_DETECTOR, *QUIET, "--source", source)
                 self.assert_error(result, WRONG_CONFIG, "tum:DIR", lines=1)
+
+    def test_two_outputs_do_not_share_a_file(self):
+        path, same = self.path / "x.ply", f"{self.path}/../{self.path.name}/x.ply"
+        for args, words in ((["--map", path, "--trajectory", same], ("--trajectory", "--map", str(path))),
+                            (["--report", path, "--trajectory-final", path], ("--trajectory-final", "--report")),
+                            (["--groundtruth", path, "--trajectory", path], ("--groundtruth", "--trajectory"))):
+            with self.subTest(args=args):
+                self.assert_error(stillmap(*run_args(*args)), WRONG_CONFIG, "the same file", *words, lines=1)
+        self.assertEqual(list(self.path.iterdir()), [])
 
     def test_missing_log_and_ground_truth(self):
         none = self.path / "none"

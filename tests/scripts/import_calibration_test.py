@@ -82,6 +82,11 @@ class ImportTest(unittest.TestCase):
                 self.assertEqual(len(result.stderr.splitlines()), 1)
                 self.assertIn(words, result.stderr)
 
+    def test_a_file_that_cannot_be_opened(self):
+        for path, words in (("/none/ost.yaml", "/none/ost.yaml: No such file or directory"), ("/tmp", "/tmp: Is a directory")):
+            result = subprocess.run([SCRIPT, path], capture_output=True, text=True)
+            self.assertEqual((result.returncode, result.stderr), (1, f"import_calibration.py: {words}; give the YAML file of a calibration\n"))
+
     def test_damage_of_any_kind_is_refused_or_harmless(self):
         """Hundreds of damaged calibrations: a profile of finite numbers, or one line."""
         module = runpy.run_path(str(SCRIPT))

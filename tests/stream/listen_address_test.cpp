@@ -12,6 +12,10 @@ TEST(ListenAddress, Parses) {
   EXPECT_EQ(v4.value().host, "127.0.0.1");
   EXPECT_EQ(v4.value().port, 8765);
   EXPECT_FALSE(v4.value().ipv6);
+  const auto by_name = parse_listen_address("localhost:80");
+  ASSERT_TRUE(by_name.ok());
+  EXPECT_EQ(by_name.value().host, "127.0.0.1");
+  EXPECT_EQ(by_name.value().port, 80);
   const auto v6 = parse_listen_address("[::1]:0");
   ASSERT_TRUE(v6.ok());
   EXPECT_EQ(v6.value().host, "::1");
@@ -21,7 +25,7 @@ TEST(ListenAddress, Parses) {
 TEST(ListenAddress, RefusesTheRestNamingKeyValueAndMend) {
   for (const char* text :
        {"", ":", "8765", ":8765", "127.0.0.1", "127.0.0.1:", "127.0.0.1:65536", "127.0.0.1:-1",
-        "127.0.0.1:80 ", "127.0.0.1: 80", "localhost:80", "256.0.0.1:80", "::1:80", "[::1]80", "[]:80",
+        "127.0.0.1:80 ", "127.0.0.1: 80", "robot:80", "256.0.0.1:80", "::1:80", "[::1]80", "[]:80",
         "[127.0.0.1]:80", "]:80", "[:80", "http://127.0.0.1:80"}) {
     const auto parsed = parse_listen_address(text);
     ASSERT_FALSE(parsed.ok()) << text;
