@@ -181,7 +181,10 @@ def main():
     parser.add_argument("--seconds", type=float, default=60, help="of the long run")
     parser.add_argument("--runs", type=int, default=5, help="for the accuracy")
     parser.add_argument("--out", type=Path, default=ROOT / "build/bench")
+    parser.add_argument("--only-parse", action="store_true", help=argparse.SUPPRESS)
     args = parser.parse_args()
+    if args.only_parse:
+        return
     cores = sorted(os.sched_getaffinity(0))[:2]
     if len(cores) < 2:
         sys.exit("bench.py: this process may use one core only; it measures on two")

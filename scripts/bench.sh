@@ -4,10 +4,15 @@
 #
 #   bench.sh [--log DIR --camera FILE --model FILE] [--seconds 60] [--runs 5]
 #
-# Options as of bench.py. STILLMAP_BENCH_MODELS="int8.onnx fp32.onnx" names networks to time side by side.
+# Without a log, one is rendered. STILLMAP_BENCH_MODELS="int8.onnx fp32.onnx" names networks to time side by side.
 set -euo pipefail
+# shellcheck source=scripts/help.sh
+. "$(dirname "${BASH_SOURCE[0]}")/help.sh"
+answer_help "$@"
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
+# Wrong arguments are told before minutes of building; without python3 (setup.sh brings it), after it.
+[ ! -x /usr/bin/python3 ] || scripts/bench.py --only-parse "$@"
 scripts/setup.sh --bench
 mkdir -p build/bench
 log=build/bench/build.txt

@@ -6,6 +6,9 @@
 #
 # The table is build/coverage/summary.txt, beside it uncovered.txt: the lines that no test reached.
 set -euo pipefail
+# shellcheck source=scripts/help.sh
+. "$(dirname "${BASH_SOURCE[0]}")/help.sh"
+answer_help "$@"
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
 cmake --preset coverage

@@ -109,11 +109,14 @@ def main():
     parser.add_argument("--detector-every", metavar="N", help="the detector looks at every n-th frame")
     parser.add_argument("--bin", type=Path, default=ROOT / "build/release/bin", help="folder of the program")
     parser.add_argument("--out", type=Path, default=ROOT / "evaluate-out")
+    parser.add_argument("--only-parse", action="store_true", help=argparse.SUPPRESS)
     args = parser.parse_args()
     for log in args.logs:
         if not (log / "groundtruth.txt").is_file():
             fail(f"{log} holds no groundtruth.txt; name a folder in TUM format with ground truth")
         camera_of(log, args.camera)
+    if args.only_parse:
+        return
     try:
         for log in args.logs:
             evaluate(log.resolve(), args)

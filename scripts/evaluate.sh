@@ -4,9 +4,15 @@
 #
 #   evaluate.sh DIR... [--seeds 5] [--camera FILE] [--model FILE] [--detector-delay N] [--detector-every N] [--out DIR]
 #
-# Builds what is missing; evaluate.py --help says the rest.
+# Builds what is missing. Every log is replayed in lockstep under the rules "silhouette" and "paper" and with rejection off,
+# once for each seed; tables go to the screen, everything else to OUT.
 set -euo pipefail
+# shellcheck source=scripts/help.sh
+. "$(dirname "${BASH_SOURCE[0]}")/help.sh"
+answer_help "$@"
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+# Wrong arguments are told before minutes of building; without python3 (setup.sh brings it), after it.
+[ ! -x /usr/bin/python3 ] || "$root/scripts/evaluate.py" --only-parse "$@"
 "$root/scripts/setup.sh"
 build() { (cd "$root" && cmake --preset release && cmake --build --preset release --target stillmap); }
 words=$(build 2>&1) || {

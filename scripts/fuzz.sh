@@ -7,6 +7,9 @@
 # What it learns stays in build/fuzz/corpus. The input of a crash is named; once it is mended, that file belongs into
 # tests/fuzz/corpus/TARGET, which is a test in every build. Ends with "N passed, N failed".
 set -euo pipefail
+# shellcheck source=scripts/help.sh
+. "$(dirname "${BASH_SOURCE[0]}")/help.sh"
+answer_help "$@"
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 seconds=${1:-10}
 [[ $seconds =~ ^[1-9][0-9]*$ ]] || { echo "fuzz.sh: $seconds is no number of seconds; usage: fuzz.sh [SECONDS [TARGET...]]" >&2; exit 1; }

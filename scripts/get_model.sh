@@ -10,6 +10,9 @@
 #
 # STILLMAP_MODELS names another folder than models/ of the checkout.
 set -euo pipefail
+# shellcheck source=scripts/help.sh
+. "$(dirname "${BASH_SOURCE[0]}")/help.sh"
+answer_help "$@"
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 # shellcheck source=scripts/fetch.sh
 . "$here/fetch.sh"

@@ -6,6 +6,9 @@
 #
 # STILLMAP_TUM_URL names a mirror of https://cvg.cit.tum.de/rgbd/dataset.
 set -euo pipefail
+# shellcheck source=scripts/help.sh
+. "$(dirname "${BASH_SOURCE[0]}")/help.sh"
+answer_help "$@"
 # shellcheck source=scripts/fetch.sh
 . "$(dirname "${BASH_SOURCE[0]}")/fetch.sh"
 

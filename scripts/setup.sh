@@ -10,6 +10,9 @@
 #
 # Only what is missing is installed; where nothing is, nothing happens.
 set -euo pipefail
+# shellcheck source=scripts/help.sh
+. "$(dirname "${BASH_SOURCE[0]}")/help.sh"
+answer_help "$@"
 
 fail() {
   echo "setup.sh: $*" >&2

@@ -9,6 +9,9 @@
 # Tests with recorded logs find them in $STILLMAP_SHARED or ../shared, and are skipped where they are missing.
 # shellcheck disable=SC2317  # the functions that `step` calls
 set -uo pipefail
+# shellcheck source=scripts/help.sh
+. "$(dirname "${BASH_SOURCE[0]}")/help.sh"
+answer_help "$@"
 cd "$(dirname "${BASH_SOURCE[0]}")/.." || exit 1
 
 full=no
