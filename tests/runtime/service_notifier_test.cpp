@@ -5,6 +5,8 @@
 #include <unistd.h>
 
 #include <cstdlib>
+#include <filesystem>
+#include <iterator>
 #include <string>
 #include <vector>
 
@@ -43,15 +45,45 @@ TEST(ServiceNotifier, AnotherProcesssWatchdogIsNotOurs) {
 }
 
 TEST(ServiceNotifier, IsSilentWithoutAManagerAndWhereItCannotBeReached) {
-  for (const std::string& name : {std::string(), std::string("relative"), std::string("/nobody/listens"),
-                                  "/" + std::string(200, 'x')}) {
-    setenv("NOTIFY_SOCKET", name.c_str(), 1);
-    ServiceNotifier notifier;
-    notifier.ready();
-    notifier.alive(kSecond);
-    notifier.stopping();
+  const auto descriptors = [] {
+    return std::distance(std::filesystem::directory_iterator("/proc/self/fd"), {});
+  };
+  /// How many descriptors a notifier holds that has said everything, and that it leaves none.
+  const auto held_while_telling = [&] {
+    const auto before = descriptors();
+    std::ptrdiff_t held = 0;
+    {
+      setenv("WATCHDOG_USEC", "2000000", 1);
+      setenv("WATCHDOG_PID", std::to_string(getpid()).c_str(), 1);
+      ServiceNotifier notifier;
+      notifier.ready();
+      notifier.alive(kSecond);
+      notifier.stopping();
+      held = descriptors() - before;
+    }
+    EXPECT_EQ(descriptors(), before);
+    return held;
+  };
+  {
+    const test::ServiceManager elsewhere("stillmap_notify_" + std::to_string(getpid()));  // no absolute path
+    EXPECT_EQ(held_while_telling(), 0);
+    EXPECT_EQ(elsewhere.heard(), Words{});
   }
-  unsetenv("NOTIFY_SOCKET");
+  {
+    const std::string longest = "@" + std::string(106, 'x');
+    const test::ServiceManager of_its_beginning(longest);
+    EXPECT_EQ(held_while_telling(), 1);
+    EXPECT_EQ(of_its_beginning.heard().size(), 3u) << "as long as a name may be";
+    setenv("NOTIFY_SOCKET", (longest + "and_longer").c_str(), 1);
+    EXPECT_EQ(held_while_telling(), 0);
+    EXPECT_EQ(of_its_beginning.heard(), Words{});
+  }
+  EXPECT_EQ(held_while_telling(), 0) << "no manager named";
+  setenv("NOTIFY_SOCKET", "", 1);
+  EXPECT_EQ(held_while_telling(), 0);
+  setenv("NOTIFY_SOCKET", "/nobody/listens", 1);
+  EXPECT_EQ(held_while_telling(), 1) << "who may begin to listen later";
+  for (const char* name : {"NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID"}) unsetenv(name);
 }
 
 }  // namespace
