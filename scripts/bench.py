@@ -132,7 +132,7 @@ class Bench:
             spin.kill()
             spin.wait()
             r, words = self.finish(process, out)
-            steps = re.findall(r"quality_(lowered|raised) at frame \d+ \((.*)\)", words)
+            steps = re.findall(r"quality_(lowered|raised) at frame \d+: to (.*), since", words)
             given_up = [name for kind, name in steps if kind == "lowered"]
             recovered = not steps or steps[-1][1] == "full quality"
             dropped = sum(r["frames"]["dropped"].values())

@@ -7,6 +7,7 @@
 #include <numeric>
 #include <string>
 
+#include "runtime/event_words.h"
 #include "runtime/memory_use.h"
 
 namespace stillmap {
@@ -50,27 +51,6 @@ std::string late_lines(const RunCounters& c) {
   return lines;
 }
 
-/// What is wrong with depth, and the mend; empty for an event of another kind.
-std::string depth_words(const Event& e, const CameraModel& camera) {
-  switch (e.code) {
-    case EventCode::DepthEmpty:
-      return fmt::format("{} % of the pixels have no reading; is the depth camera covered, or too near?",
-                         e.a);
-    case EventCode::DepthScale:
-      return fmt::format(
-          "{} % of the readings lie outside camera.depth_min_m to camera.depth_max_m; is "
-          "camera.depth_units_per_m = {} right?",
-          e.a, camera.depth_units_per_m);
-    case EventCode::DepthUnregistered:
-      return fmt::format(
-          "its edges lie {} px beside those of colour; is it registered? A depth camera that does not do so "
-          "by itself needs camera.depth in the profile",
-          e.a);
-    default:
-      return "";
-  }
-}
-
 }  // namespace
 
 void Health::say(LogLevel level, const char* name, const std::string& text) {
@@ -94,25 +74,13 @@ void Health::log_events() {
 
 void Health::log(const Event& e) {
   context_.flight.put(e);
-  if (const std::string words = depth_words(e, context_.config.camera); !words.empty()) {
-    say(LogLevel::Warning, to_string(e.stage),
-        fmt::format("{} at frame {}: {}", to_string(e.code), e.sequence, words));
-    return;
-  }
+  const char* refusal = "";
   if (e.code == EventCode::SourceRefused) {
     context_.source_news->refusal.refresh();
-    say(LogLevel::Warning, to_string(e.stage),
-        fmt::format("{} (try {}): {}", to_string(e.code), e.a, context_.source_news->refusal.value().data()));
-    return;
+    refusal = context_.source_news->refusal.value().data();
   }
-  const bool quality = e.code == EventCode::QualityLowered || e.code == EventCode::QualityRaised;
-  const bool bad = quality || e.code == EventCode::TrackingLost || e.code == EventCode::DetectorFailed ||
-                   e.code == EventCode::SourceGone || e.code == EventCode::SourceStalled ||
-                   e.code == EventCode::SourceTimeJump;
-  const std::string detail =
-      quality ? kSheddingPlan[static_cast<std::size_t>(e.a)].name : std::to_string(e.a);
-  say(bad ? LogLevel::Warning : LogLevel::Info, to_string(e.stage),
-      fmt::format("{} at frame {} ({})", to_string(e.code), e.sequence, detail));
+  const LogWords words = event_words(e, context_.config, refusal);
+  say(words.level, to_string(e.stage), words.text);
   if (e.code == EventCode::TrackingLost && context_.flight.enabled() &&
       !context_.flight.write_unless_just_done(monotonic_now())) {
     warn(fmt::format("runtime.flight_recorder: cannot write {}", context_.flight.path()));
@@ -164,7 +132,7 @@ void Health::log_drops() {
     if (count == drops_logged_[r]) continue;
     say(LogLevel::Warning, to_string(Stage::Capture),
         fmt::format("{} frames dropped: {}", count - drops_logged_[r],
-                    to_string(static_cast<DropReason>(r))));
+                    drop_words(static_cast<DropReason>(r), context_.config.camera)));
     drops_logged_[r] = count;
   }
 }

@@ -74,7 +74,7 @@ class Outputs(ProgramTest):
         frames = json.loads((self.path / "r.json").read_text())["frames"]
         self.assertEqual(frames, {"offered": 12, "processed": 9, "dropped": {"missing_file": 1, "corrupt_colour": 1, "corrupt_depth": 1}})
         for reason in frames["dropped"]:
-            self.assertIn(f"1 frames dropped: {reason}", result.stderr)
+            self.assertIn(f"1 frames dropped: {reason} (", result.stderr)
 
     def test_standard_output_can_be_named(self):
         result = stillmap(*run_args("--mode", "lockstep", "--duration", "0.1", "--report", "/dev/stdout"))

@@ -142,7 +142,7 @@ TEST(Program, ACameraThatIsGoneForGoodEndsTheRun) {
     set_control(node.file(), kDisconnect, 1);
   }
   EXPECT_EQ(run.end(), 1) << run.said();
-  EXPECT_THAT(run.said(), HasSubstr("source_refused (try 1): /dev/video0: no such camera"));
+  EXPECT_THAT(run.said(), HasSubstr("source_refused: try 1: /dev/video0: no such camera"));
   EXPECT_THAT(run.said(), HasSubstr("v4l2:/dev/video0,/dev/video1: the source is gone; check its cable"));
   EXPECT_GT(report()["frames"]["processed"], 0) << "outputs are complete all the same";
   ASSERT_EQ(mknod("/dev/video0", S_IFCHR | 0600, before.st_rdev), 0);
