@@ -10,10 +10,8 @@
 #include <cinttypes>
 #include <cstdio>
 #include <cstring>
-#include <filesystem>
 #include <optional>
 #include <span>
-#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -118,13 +116,13 @@ Status Recorder::open() {
                    "); give a folder whose parent is there");
   writer->folder = ::open(path.c_str(), O_DIRECTORY | O_RDONLY | O_CLOEXEC);
   if (writer->folder < 0) return refused(std::string(std::strerror(errno)) + "; give a folder");
-  std::error_code unreadable;
-  if (!std::filesystem::is_empty(path, unreadable)) return refused("is not empty; give a new folder");
   writer->both = writer->create("associations.txt");
   writer->colour = writer->create("rgb.txt");
   writer->depth = writer->create("depth.txt");
-  if (writer->both < 0 || writer->colour < 0 || writer->depth < 0)
-    return refused(std::string("cannot be written (") + std::strerror(errno) + ")");
+  if (writer->both < 0 || writer->colour < 0 || writer->depth < 0) {
+    return refused(errno == EEXIST ? "holds a log already; give a new folder"
+                                   : std::string("cannot be written (") + std::strerror(errno) + ")");
+  }
   for (const char* part : {"rgb", "depth"}) {
     if (mkdirat(writer->folder, part, 0755) != 0 && errno != EEXIST)
       return refused(std::string("cannot be written (") + std::strerror(errno) + ")");

@@ -17,7 +17,7 @@ namespace stillmap {
 class Recorder {
  public:
   struct Setup {
-    std::string folder;  ///< made where it is missing; refused where it holds anything
+    std::string folder;  ///< made where it is missing; a log that is there already is refused
     int width = 0, height = 0;
     bool exact_colour = false;
     int jpeg_quality = 95;

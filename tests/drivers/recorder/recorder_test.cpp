@@ -191,20 +191,6 @@ TEST_F(RecorderFolder, AFullDiskLeavesNoHalfPicture) {
   EXPECT_EXIT(in_child(), testing::ExitedWithCode(17), "");
 }
 
-TEST_F(RecorderFolder, OnlyAnEmptyFolderIsTaken) {
-  const std::filesystem::path folder = folder_.path() / "log";
-  std::filesystem::create_directory(folder);
-  EXPECT_TRUE(Recorder(setup()).open().ok());
-  const Status again = Recorder(setup()).open();
-  ASSERT_FALSE(again.ok());
-  EXPECT_THAT(again.error().message, testing::AllOf(testing::HasSubstr(folder.string() + ": is not empty"),
-                                                    testing::HasSubstr("give a new folder")));
-  std::filesystem::remove_all(folder);
-  std::filesystem::create_directories(folder / "holiday");
-  EXPECT_FALSE(Recorder(setup()).open().ok());
-  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder), {}), 1) << "nothing was added";
-}
-
 TEST_F(RecorderFolder, AFrameThatCannotBeWrittenIsInNoList) {
   Recorder recorder(setup());
   ASSERT_TRUE(recorder.open().ok());
@@ -222,7 +208,13 @@ TEST_F(RecorderFolder, AFrameThatCannotBeWrittenIsInNoList) {
   EXPECT_EQ(std::count(list.begin(), list.end(), std::byte{'\n'}), 2);
 }
 
-TEST_F(RecorderFolder, RefusesAFolderThatCannotBe) {
+TEST_F(RecorderFolder, RefusesAFolderThatHoldsALogOrCannotBe) {
+  {
+    Recorder first(setup());
+    ASSERT_TRUE(first.open().ok());
+  }
+  Recorder again(setup());
+  EXPECT_THAT(again.open().error().message, testing::HasSubstr("holds a log already; give a new folder"));
   Recorder::Setup nowhere = setup();
   nowhere.folder = "/no/such/folder/log";
   EXPECT_THAT(Recorder(nowhere).open().error().message,
