@@ -140,7 +140,8 @@ void Health::log_drops() {
 void Health::tick() {
   log_events();
   watch_stages(monotonic_now());
-  checkpoint_.tick(monotonic_now());
+  // An earlier map stays until there is one of this run.
+  if (context_.counters.posed() > 0) checkpoint_.tick(monotonic_now());
   if (monotonic_now() - published_ns_ < 1'000'000'000) return;
   log_drops();
   log_recorder();
@@ -160,7 +161,7 @@ void Health::publish() {
   const double fps = published_ns_ == 0 ? 0
                                         : static_cast<double>(processed - processed_before_) /
                                               to_seconds(now - published_ns_);
-  const std::uint64_t poses = c.tracked.load() + c.weak.load(), latency_us = c.latency_us.load();
+  const std::uint64_t poses = c.posed(), latency_us = c.latency_us.load();
   const double latency_ms = poses == poses_before_
                                 ? 0
                                 : 1e-3 * static_cast<double>(latency_us - latency_before_us_) /

@@ -38,7 +38,8 @@ Json frames_part(const RunCounters& c) {
 }
 
 Json tracking_part(const RunCounters& c, const Tracker& tracker) {
-  return {{"tracked", c.tracked.load()},
+  return {{"initializing", c.initializing.load()},
+          {"tracked", c.tracked.load()},
           {"weak", c.weak.load()},
           {"lost", c.lost.load()},
           {"relocalized", c.relocalized.load()},

@@ -85,12 +85,6 @@ std::size_t poses_to_keep(const RunOptions& o, std::size_t log_frames) {
   return written ? log_frames * static_cast<std::size_t>(o.loops) : log_frames;
 }
 
-/// A run in which no frame could be used leaves earlier outputs as they are, but for the report, which counts
-/// why.
-bool has_results(const RunContext& context) {
-  return context.counters.processed.load() > 0 || context.stop.load();
-}
-
 /// The poses of a log's first pass: ground truth knows no other.
 std::span<const StampedPose> first_pass(const RunContext& context, const std::vector<Nanoseconds>& stamps) {
   const std::span<const StampedPose> all(context.track_log.causal);
@@ -153,6 +147,7 @@ Status resume(const RunOptions& o, const MapFile& map, Stages& stages) {
   return {};
 }
 
+/// A run without a pose leaves earlier outputs as they are, but for the report, which counts why.
 Status write_outputs(const RunContext& context, ReportFacts& facts,
                      const std::vector<StampedPose>& groundtruth, const std::vector<Nanoseconds>& stamps) {
   const RunOptions& o = context.options;
@@ -163,7 +158,7 @@ Status write_outputs(const RunContext& context, ReportFacts& facts,
   const auto keep_first = [&](const Status& s) {
     if (!s.ok() && first.ok()) first = s;
   };
-  const bool results = has_results(context);
+  const bool results = context.counters.posed() > 0;
   if (results && !o.trajectory.empty())
     keep_first(write_trajectory(o.trajectory, context.track_log.causal, header));
   if (results && !o.trajectory_final.empty())
@@ -193,13 +188,27 @@ Status write_outputs(const RunContext& context, ReportFacts& facts,
 void say_summary(const RunContext& context, const ReportFacts& facts) {
   const RunCounters& c = context.counters;
   const double wall_s = to_seconds(facts.run_end_ns - facts.run_start_ns);
-  spdlog::info("{} frames in {:.1f} s: {} tracked, {} weak, {} lost; {} keyframes, {} voxels",
-               c.processed.load(), wall_s, c.tracked.load(), c.weak.load(), c.lost.load(), c.keyframes.load(),
-               context.stages.map.map().occupied_voxels());
+  spdlog::info(
+      "{} frames in {:.1f} s: {} before the first pose, {} tracked, {} weak, {} lost; {} keyframes, {} "
+      "voxels",
+      c.processed.load(), wall_s, c.initializing.load(), c.tracked.load(), c.weak.load(), c.lost.load(),
+      c.keyframes.load(), context.stages.map.map().occupied_voxels());
   if (facts.accuracy) {
     spdlog::info("ATE {:.4f} m (RMSE), {:.4f} m (max), coverage {:.3f}", facts.accuracy->ate_rmse_m,
                  facts.accuracy->ate_max_m, facts.accuracy->coverage);
   }
+}
+
+/// Why a run has nothing to show, and the mend.
+std::string why_no_pose(const RunContext& context) {
+  const std::uint64_t processed = context.counters.processed.load();
+  const std::string none = fmt::format("none of {} frames could be tracked: ", processed);
+  if (processed == 0) return "no frame could be used; the report (--report FILE) counts why";
+  if (!context.options.resume.empty())
+    return none + "the map of --resume was not recognised; begin where it was mapped, or leave --resume out";
+  return none +
+         "they show too few points with depth; is camera.depth_units_per_m right, the lens free and the "
+         "light on?";
 }
 
 }  // namespace
@@ -224,10 +233,8 @@ Status run_outcome(const RunContext& context) {
     return Error{ExitCode::UnreadableInput, source + ": is damaged and plays so far only; record it anew"};
   if (context.source_lost)
     return Error{ExitCode::RunFailed, source + ": the source is gone; check its cable and power"};
-  if (!has_results(context)) {
-    return Error{ExitCode::UnreadableInput,
-                 source + ": no frame could be used; the report (--report FILE) counts why"};
-  }
+  if (context.counters.posed() == 0 && !context.stop.load())
+    return Error{ExitCode::UnreadableInput, source + ": " + why_no_pose(context)};
   if (const std::uint64_t failed = context.counters.record_failed.load(); failed > 0) {
     return Error{
         ExitCode::RunFailed,

@@ -17,7 +17,7 @@ namespace stillmap {
 Status run(const RunOptions& options);
 
 /// What the end of a run means: RunFailed where the source was lost, UnreadableInput where no frame could be
-/// used.
+/// used or tracked and nobody asked for the end.
 Status run_outcome(const RunContext& context);
 
 /// The memory that a run with these parts takes from its arena.

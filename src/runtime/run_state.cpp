@@ -17,6 +17,7 @@ void TrackLog::note(const TrackingResult& result, TrackState before, Nanoseconds
   C::bump(counters.unknown_features, result.labels.unknown);
   if (result.is_keyframe) C::bump(counters.keyframes);
   counters.corrections.store(result.correction_epoch, std::memory_order_relaxed);
+  if (result.state == TrackState::Initializing) C::bump(counters.initializing);
   if (result.state == TrackState::Lost) C::bump(counters.lost);
   if (!result.has_pose()) return;
   C::bump(result.state == TrackState::Tracking ? counters.tracked : counters.weak);

@@ -32,7 +32,8 @@ struct RunCounters {
   using Count = std::atomic<std::uint64_t>;
   Count offered{0}, processed{0};
   std::array<Count, kDropReasonCount> dropped{};
-  Count tracked{0}, weak{0}, lost{0}, relocalized{0}, segments{0}, keyframes{0}, corrections{0};
+  Count initializing{0}, tracked{0}, weak{0}, lost{0}, relocalized{0}, segments{0}, keyframes{0},
+      corrections{0};
   Count static_features{0}, dynamic_features{0}, semi_static_features{0}, unknown_features{0};
   Count detector_runs{0}, detector_failures{0}, detector_skipped{0};
   Count quality_lowered{0}, quality_raised{0}, frames_shed{0};
@@ -47,6 +48,10 @@ struct RunCounters {
     return {&points, &keyframe_pool, &blocks, &read_ahead, &track_ring, &map_ring, &detected_ring};
   }
 
+  /// Frames with a pose.
+  std::uint64_t posed() const {
+    return tracked.load(std::memory_order_relaxed) + weak.load(std::memory_order_relaxed);
+  }
   /// Capture and tracker both drop frames that the tracker is too late for.
   void drop(DropReason reason) {
     dropped[static_cast<std::size_t>(reason)].fetch_add(1, std::memory_order_relaxed);

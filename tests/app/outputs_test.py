@@ -60,6 +60,22 @@ class Outputs(ProgramTest):
             frames = json.loads((out / "r.json").read_text())["frames"]
             self.assertEqual(frames, {"offered": 4, "processed": 0, "dropped": {"corrupt_colour": 4}})
 
+    def test_a_run_that_never_tracks_leaves_earlier_outputs(self):
+        files = {"--trajectory": self.path / "t.txt", "--trajectory-final": self.path / "f.txt", "--map": self.path / "m.stillmap"}
+        for mode in ("lockstep", "realtime"):
+            for file in files.values():
+                file.write_text("earlier")
+            outputs = [a for option in files.items() for a in option]
+            # Every reading lies some kilometres away; and a checkpoint is due all the time.
+            result = stillmap(*run_args("--mode", mode, *outputs, "--report", self.path / "r.json", "--set", "camera.depth_units_per_m=1",
+                                        "--set", "map.checkpoint_s=0.1"))
+            self.assert_error(result, UNREADABLE_INPUT, str(LOG), "could be tracked", "camera.depth_units_per_m")
+            self.assertEqual([file.read_bytes() for file in files.values()], [b"earlier"] * len(files))
+            report = json.loads((self.path / "r.json").read_text())
+            self.assertGreater(report["frames"]["processed"], 0)
+            self.assertEqual(report["tracking"]["initializing"], report["frames"]["processed"])
+            self.assertIn(f"{report['frames']['processed']} before the first pose, 0 tracked", result.stderr)
+
     def test_a_log_with_some_bad_frames_is_used_all_the_same(self):
         log = link_log(self.path / "log", 12)
         colour, depth = sorted((log / "rgb").iterdir()), sorted((log / "depth").iterdir())

@@ -12,7 +12,7 @@ POOL = {"capacity": COUNT, "high_water": COUNT, "refused": COUNT}
 KEYS = {
     "version": COUNT, "mode": TEXT, "source": TEXT, "seed": COUNT, "git_revision": TEXT, "config_sha256": TEXT, "model_sha256": TEXT,
     "frames": {"offered": COUNT, "processed": COUNT, "dropped": {}},
-    "tracking": {"tracked": COUNT, "weak": COUNT, "lost": COUNT, "relocalized": COUNT, "segments": COUNT, "keyframes": COUNT,
+    "tracking": {"initializing": COUNT, "tracked": COUNT, "weak": COUNT, "lost": COUNT, "relocalized": COUNT, "segments": COUNT, "keyframes": COUNT,
                  "corrections": COUNT, "features": {"static": COUNT, "dynamic": COUNT, "semi_static": COUNT, "unknown": COUNT}},
     "latency_ms": {k: QUANTILES for k in ("capture_to_pose", "decode", "track", "detect", "fuse", "fuse_cpu")},
     "throughput_fps": NUMBER, "cpu_s": NUMBER, "cpu_decode_s": NUMBER, "wall_s": NUMBER, "start_to_first_pose_ms": NUMBER,

@@ -45,13 +45,33 @@ TEST(TrackFrame, CountsAndTellsWhatBecomesOfTracking) {
                                 {E::TrackingStarted, 1}, {E::TrackingLost, 5}, {E::Relocalized, 8}}));
   const RunCounters& c = bench.pipeline.context->counters;
   EXPECT_EQ(c.processed.load(), 11u);
-  EXPECT_EQ(c.tracked.load() + c.weak.load(), 7u);
+  EXPECT_EQ(c.initializing.load(), 1u);
+  EXPECT_EQ(c.posed(), 7u);
   EXPECT_EQ(c.lost.load(), 3u);
   EXPECT_EQ(c.segments.load(), 1u);
   EXPECT_EQ(c.relocalized.load(), 1u);
   EXPECT_GE(c.keyframes.load(), 1u);
   EXPECT_GT(c.static_features.load(), 0u);
   EXPECT_EQ(bench.pipeline.context->track_log.causal.size(), 7u);
+}
+
+TEST(RunOutcome, ARunWithoutAPoseSaysWhy) {
+  auto driver = wall_driver(true, {});
+  const auto outcome = [&](std::uint64_t processed, const char* resume, bool stop) {
+    RunOptions options;
+    options.resume = resume;
+    Pipeline pipeline(driver, options);
+    pipeline.context->counters.processed = processed;
+    pipeline.stop = stop;
+    const Status status = run_outcome(*pipeline.context);
+    if (status.ok()) return std::string();
+    EXPECT_EQ(status.error().exit_code, ExitCode::UnreadableInput);
+    return status.error().message;
+  };
+  EXPECT_NE(outcome(0, "", false).find("no frame could be used"), std::string::npos);
+  EXPECT_NE(outcome(9, "", false).find("none of 9 frames could be tracked"), std::string::npos);
+  EXPECT_NE(outcome(9, "room.stillmap", false).find("--resume was not recognised"), std::string::npos);
+  EXPECT_EQ(outcome(9, "", true), "");
 }
 
 TEST(AdaptQuality, LateFramesGiveUpDetectorFeaturesAndFusionAndTakeThemBack) {
