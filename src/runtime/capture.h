@@ -42,8 +42,8 @@ class Capture {
   enum class Outcome { Frame, Nothing, End, Lost };
   /// A log's next frame waits for a place in the pool.
   bool waits_for_room() const { return !spare_; }
-  /// `out` holds the next frame where the outcome is Frame. Nothing: this one was dropped, none came in time,
-  /// or a log's next frame waits for a place in the pool.
+  /// `out` holds the next frame, due when it was had, where the outcome is Frame. Nothing: this one was
+  /// dropped, none came in time, or a log's next frame waits for a place in the pool.
   Outcome next(FrameHandle& out, Nanoseconds deadline_ns);
 
  private:

@@ -4,6 +4,7 @@
 #include <spdlog/fmt/fmt.h>
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
 #include <numeric>
 #include <string>
 
@@ -126,6 +127,19 @@ void Health::log_recorder() {
   record_missing_logged_ = missing;
 }
 
+void Health::log_playback() {
+  constexpr std::uint64_t kHiccup_ns = 1'000'000'000;
+  const std::uint64_t held_back_ns = context_.counters.held_back_ns.load(std::memory_order_relaxed);
+  if (playback_logged_ || held_back_ns < kHiccup_ns) return;
+  playback_logged_ = true;
+  const double fps = context_.driver.describe().fps;
+  const double gone_s = to_seconds(monotonic_now() - started_ns_);
+  warn(fmt::format(
+      "decoding is slower than the log, which plays at about {:.0f} of its {:.0f} frames/s; a faster disk or "
+      "JPEG colour helps, and --mode lockstep does not mind",
+      fps * std::max(0.0, 1 - to_seconds(static_cast<Nanoseconds>(held_back_ns)) / gone_s), fps));
+}
+
 void Health::log_drops() {
   for (std::size_t r = 0; r < drops_logged_.size(); ++r) {
     const std::uint64_t count = context_.counters.dropped[r].load(std::memory_order_relaxed);
@@ -145,6 +159,7 @@ void Health::tick() {
   if (monotonic_now() - published_ns_ < 1'000'000'000) return;
   log_drops();
   log_recorder();
+  log_playback();
   publish();
 }
 
@@ -152,6 +167,7 @@ void Health::finish() {
   log_events();
   log_drops();
   log_recorder();
+  log_playback();
 }
 
 void Health::publish() {

@@ -38,6 +38,7 @@ class Health {
   std::string late_stages() const;
   void log_drops();
   void log_recorder();
+  void log_playback();
   void publish();
   RunContext& context_;
   WriteOnAbort on_abort_;
@@ -49,6 +50,7 @@ class Health {
   std::uint64_t processed_before_ = 0, poses_before_ = 0, latency_before_us_ = 0;
   std::array<std::uint64_t, kDropReasonCount> drops_logged_{};
   std::uint64_t record_missing_logged_ = 0;
+  bool playback_logged_ = false;
 };
 
 }  // namespace stillmap

@@ -160,6 +160,8 @@ std::string make_report(const RunContext& context, const ReportFacts& facts) {
                           {"fuse", quantiles(context.stages.map.fuse_time())},
                           {"fuse_cpu", quantiles(context.stages.map.fuse_cpu_time())}};
   if (!context.driver.describe().is_log) report["capture"] = capture_part(context.capture_log);
+  if (context.mode == RunMode::Realtime)
+    report["held_back_s"] = rounded(to_seconds(static_cast<Nanoseconds>(c.held_back_ns.load())), 3);
   report["throughput_fps"] = rounded(wall_s > 0 ? static_cast<double>(c.processed.load()) / wall_s : 0, 2);
   report["cpu_s"] = rounded(facts.cpu_s, 3);
   report["cpu_decode_s"] = rounded(to_seconds(context.capture_log.decode_cpu_ns), 3);

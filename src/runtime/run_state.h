@@ -37,7 +37,8 @@ struct RunCounters {
   Count static_features{0}, dynamic_features{0}, semi_static_features{0}, unknown_features{0};
   Count detector_runs{0}, detector_failures{0}, detector_skipped{0};
   Count quality_lowered{0}, quality_raised{0}, frames_shed{0};
-  Count latency_us{0};  ///< capture to pose, sum over all poses
+  Count held_back_ns{0};  ///< realtime: a log's frames came so much later, since decoding was slow
+  Count latency_us{0};    ///< capture to pose, sum over all poses
   Count recorded{0}, record_failed{0}, record_left_out{0}, record_cpu_ns{0};  ///< of --record
   std::array<Count, kStageCount> late{};                                      ///< how often each stage was
   std::atomic<int> state{0};                                                  ///< TrackState

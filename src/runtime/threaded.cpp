@@ -125,10 +125,13 @@ bool offer_frame(RunContext& context, Lanes& lanes, FrameHandle frame) {
   return true;
 }
 
-/// A log's frames, each when it is due: on the wall clock, or at once.
+/// A log's frames, each when it is due: on the wall clock, or at once. A camera decodes nothing: where
+/// decoding is too slow for the clock, the clock is held back, and nobody is late for it.
 void play_log(RunContext& context, Lanes& lanes) {
+  const auto frame_ns = static_cast<Nanoseconds>(1e9 / context.config.mount.fps);
   Nanoseconds start_ns = 0, first_stamp_ns = 0;
   for (FrameHandle frame; next_decoded(context, lanes, frame);) {
+    const Nanoseconds decoded_ns = frame->due_ns;
     Nanoseconds due_ns = monotonic_now();
     if (context.mode != RunMode::Fast) {
       if (start_ns == 0) {
@@ -136,6 +139,11 @@ void play_log(RunContext& context, Lanes& lanes) {
         first_stamp_ns = frame->colour_ns;
       }
       due_ns = start_ns + frame->colour_ns - first_stamp_ns;
+      if (const Nanoseconds late_ns = decoded_ns - due_ns; late_ns > frame_ns) {
+        start_ns += late_ns;
+        RunCounters::bump(context.counters.held_back_ns, static_cast<std::uint64_t>(late_ns));
+      }
+      due_ns = std::max(due_ns, decoded_ns);
       while (monotonic_now() < due_ns && !context.stop.load(std::memory_order_relaxed)) {
         lanes.capture_waker.wait(lanes.capture_waker.ticket(), std::min(due_ns - monotonic_now(), kIdleWait));
       }

@@ -107,6 +107,23 @@ TEST(Health, ADoubtAboutDepthNamesTheKeyToMend) {
   EXPECT_THAT(words, HasSubstr("camera.depth_units_per_m = 1000 right?"));
 }
 
+TEST(Health, SaysOnceThatDecodingIsSlowerThanTheLog) {
+  auto driver = wall_driver(true, {});
+  Pipeline pipeline(driver);
+  Health health(*pipeline.context);
+  testing::internal::CaptureStdout();
+  pipeline.context->counters.held_back_ns = 900'000'000;  // a hiccup
+  health.tick();
+  EXPECT_EQ(testing::internal::GetCapturedStdout(), "");
+  pipeline.context->counters.held_back_ns = 1'100'000'000;
+  testing::internal::CaptureStdout();
+  health.finish();
+  health.finish();
+  const std::string said = testing::internal::GetCapturedStdout();
+  EXPECT_THAT(said, HasSubstr("decoding is slower than the log, which plays at about 0 of its 30 frames/s"));
+  EXPECT_EQ(said.find("decoding", said.find("decoding") + 1), std::string::npos);
+}
+
 TEST(Health, OfAStageThatIsStuckTheServiceManagerHearsNothing) {
   const test::ServiceManager manager("@stillmap_health_" + std::to_string(getpid()));
   setenv("WATCHDOG_USEC", "4", 1);

@@ -51,6 +51,24 @@ TEST(Threads, ALogEndsWithEveryFrameAccounted) {
   }
 }
 
+TEST(Threads, ALogThatIsDecodedSlowlyHoldsTheClockBackAndNobodyIsLateForIt) {
+  std::vector<Grab> grabs = wall_frames(40);
+  for (std::size_t i = 0; i < grabs.size(); ++i)
+    grabs[i].stamp_ns = (static_cast<Nanoseconds>(i) + 1) * kMillisecond;
+  auto driver = wall_driver(true, grabs, [] { std::this_thread::sleep_for(std::chrono::milliseconds(20)); });
+  Pipeline pipeline(driver);
+  const Nanoseconds begin = monotonic_now();
+  run_threads(*pipeline.context);
+  const double wall_s = to_seconds(monotonic_now() - begin);
+  const RunCounters& c = pipeline.context->counters;
+  const double held_back_s = 1e-9 * static_cast<double>(c.held_back_ns.load());
+  EXPECT_GT(held_back_s, 0.3);
+  EXPECT_GE(wall_s, held_back_s + 0.038);
+  // Each frame was later than the one before: together twenty times as long as the run.
+  EXPECT_LT(1e-6 * static_cast<double>(c.latency_us.load()), 4 * wall_s);
+  pipeline.expect_accounted();
+}
+
 TEST(Threads, StopsWithinTwoSecondsAtAnyMoment) {
   Random random(static_cast<std::uint64_t>(monotonic_now()));
   for (int round = 0; round < 20; ++round) {
