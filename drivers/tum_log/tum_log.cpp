@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "drivers/pictures/picture_size.h"
 #include "drivers/pictures/png.h"
 #include "drivers/tum_log/frame_list.h"
 
@@ -51,6 +52,16 @@ struct TumLog::Reader {
     ::close(file);
     if (status == DecodeStatus::Ok) return std::nullopt;
     return status == DecodeStatus::WrongSize ? DropReason::WrongSize : corrupt;
+  }
+
+  /// None where the file cannot be read or is no picture.
+  std::optional<PictureSize> size_of(const std::string& path) {
+    std::optional<PictureSize> size;
+    static_cast<void>(load(path, DropReason::MissingFile, [&](std::span<const std::byte> file) {
+      size = picture_size(file);
+      return DecodeStatus::Ok;
+    }));
+    return size;
   }
 
   /// The stamps of the frame at `index` in pass `pass` over the log; odd passes go backwards.
@@ -107,6 +118,25 @@ Status TumLog::open() {
   reader_->last_ns = std::find_if(frames.rbegin(), frames.rend(), usable)->colour_ns;
   reader_->interval_ns = std::max<Nanoseconds>(median_interval(), 1);
   next_ = 0;
+  return check_size();
+}
+
+/// By the first readable pictures.
+Status TumLog::check_size() {
+  const PictureSize expected{width_, height_};
+  const auto text = [](PictureSize s) { return std::to_string(s.width) + "x" + std::to_string(s.height); };
+  for (const ListedFrame& frame : reader_->frames) {
+    if (frame.known_unusable) continue;
+    const std::optional<PictureSize> colour = reader_->size_of(frame.colour_path);
+    const std::optional<PictureSize> depth = reader_->size_of(frame.depth_path);
+    for (const std::optional<PictureSize>& size : {colour, depth}) {
+      if (size.value_or(expected) == expected) continue;
+      return Error{ExitCode::WrongConfig, folder_ + ": its pictures are " + text(*size) +
+                                              ", camera.width x camera.height says " + text(expected) +
+                                              "; give --config with the log's own camera file"};
+    }
+    if (colour && depth) break;
+  }
   return {};
 }
 

@@ -17,11 +17,13 @@ namespace stillmap {
 /// the files show. Played several times, it goes forwards and backwards in turn, as a camera that goes back
 /// the way it came: stamps go on rising, in steps of the log's own length and one median interval.
 ///
-/// `open` reads the lists and looks at every file's size; its error (UnreadableInput) names the folder and
-/// the mend. `start` goes back to the first frame. One thread; `grab` takes nothing from the heap.
+/// `open` reads the lists, looks at every file's size and at the first pictures' width and height; its error
+/// (UnreadableInput, or WrongConfig where the camera profile is another camera's) names the folder and the
+/// mend. `start` goes back to the first frame. One thread; `grab` takes nothing from the heap.
 class TumLog : public RgbdDriver {
  public:
-  /// The size is what the camera profile says; pictures of another size are dropped.
+  /// The size is what the camera profile says. Where the first pictures have another, `open` refuses; later
+  /// ones are dropped.
   TumLog(std::string folder, int width, int height, int loops = 1);
   ~TumLog() override;
 
@@ -36,6 +38,7 @@ class TumLog : public RgbdDriver {
 
  private:
   struct Reader;
+  Status check_size();
   Nanoseconds median_interval() const;
   std::string folder_;
   int width_, height_, loops_;

@@ -7,6 +7,7 @@
 #include <array>
 #include <cstdlib>
 #include <fstream>
+#include <tuple>
 
 #include "tests/drivers/pictures/heap_calls.h"
 #include "tests/drivers/pictures/picture_files.h"
@@ -210,6 +211,34 @@ TEST_F(TumLogFolder, NoUsablePairIsAnErrorAtOpen) {
   EXPECT_THAT(error(), testing::AllOf(names_folder, HasSubstr("no usable pair among 1 listed")));
 }
 
+TEST_F(TumLogFolder, AnotherCamerasProfileIsRefusedAtOpenWithBothSizes) {
+  const auto error = [&](int width, int height) {
+    const Status status = TumLog(folder_.path().string(), width, height).open();
+    if (status.ok()) return std::string();
+    EXPECT_EQ(status.error().exit_code, ExitCode::WrongConfig);
+    return status.error().message;
+  };
+  const auto names_both = testing::AllOf(HasSubstr(folder_.path().string()), HasSubstr("pictures are 16x12,"),
+                                         HasSubstr("camera.width x camera.height says 640x480"));
+  write_good(3);
+  EXPECT_EQ(error(kWidth, kHeight), "");
+  EXPECT_THAT(error(640, 480), names_both);
+  std::filesystem::remove(folder_.path() / "rgb/0.png");  // what says nothing of its size is passed over
+  write("depth/0.png", {});
+  test::Bytes cut = colour();
+  cut.resize(20);
+  write("rgb/1.png", cut);
+  EXPECT_THAT(error(640, 480), names_both);
+  for (int i = 0; i < 3; ++i) {
+    write("rgb/" + std::to_string(i) + ".png",
+          test::jpeg_file(JpegKind::ProgressiveColour, kWidth, kHeight,
+                          std::vector<std::uint8_t>(3 * kWidth * kHeight, 90)));
+    write("depth/" + std::to_string(i) + ".png", depth(kWidth, kHeight + 1));
+  }
+  EXPECT_THAT(error(640, 480), names_both);
+  EXPECT_THAT(error(kWidth, kHeight), HasSubstr("pictures are 16x13,"));
+}
+
 TEST_F(TumLogFolder, TheSlotsSizeCounts) {
   write_good(1);
   TumLog log(folder_.path().string(), kWidth, kHeight);
@@ -281,7 +310,7 @@ TEST(TumLogReal, PixelsAreThoseOfOtherDecoders) {
 
 TEST(TumLogReal, AssociationByStampsEqualsThePublishedList) {
   STILLMAP_NEEDS_SHARED();
-  for (const char* name : {"fr1_rpy", "office_walk"}) {
+  for (const auto& [name, width, height] : {std::tuple{"fr1_rpy", 640, 480}, {"office_walk", 540, 360}}) {
     const std::filesystem::path real = test::shared_folder() / "data" / name;
     test::TemporaryFolder folder;
     for (const char* list : {"rgb.txt", "depth.txt"}) {
@@ -290,7 +319,7 @@ TEST(TumLogReal, AssociationByStampsEqualsThePublishedList) {
     for (const char* pictures : {"rgb", "depth"}) {
       std::filesystem::create_directory_symlink(real / pictures, folder.path() / pictures);
     }
-    TumLog own(folder.path().string(), 640, 480), published(real.string(), 640, 480);
+    TumLog own(folder.path().string(), width, height), published(real.string(), width, height);
     ASSERT_TRUE(own.open().ok());
     ASSERT_TRUE(published.open().ok());
     EXPECT_TRUE(std::ranges::equal(own.colour_stamps(), published.colour_stamps())) << name;
@@ -299,7 +328,7 @@ TEST(TumLogReal, AssociationByStampsEqualsThePublishedList) {
     }
     ASSERT_TRUE(own.start().ok());
     ASSERT_TRUE(published.start().ok());
-    Slot a(640, 480), b(640, 480);
+    Slot a(width, height), b(width, height);
     for (GrabResult r = own.grab(a, 0); r.status != GrabStatus::EndOfStream; r = own.grab(a, 0)) {
       ASSERT_EQ(published.grab(b, 0).status, r.status);
       ASSERT_EQ(a.colour_ns, b.colour_ns);
