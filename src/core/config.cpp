@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/config.h"
 
+#include "core/camera_keys.h"
+
 // The library's tables of white space (3.3.0) end in __builtin_unreachable() where the answer is no: a letter
 // such as the u with two dots outside quotes would be undefined behaviour.
 // clang-format off
@@ -537,6 +539,20 @@ Status check_whole(const Config& c) {
 }
 
 }  // namespace
+
+bool describes_camera(std::span<const std::string> files) {
+  Config unused;
+  const std::vector<Key> keys = describe(unused);
+  return std::ranges::any_of(files, [&](const std::string& file) {
+    try {
+      const toml::table table = toml::parse_file(file);
+      return std::ranges::any_of(
+          keys, [&](const Key& key) { return key.required && table.at_path(key.name).is_value(); });
+    } catch (const toml::parse_error&) {
+      return false;
+    }
+  });
+}
 
 Result<LoadedConfig> load_config(std::span<const std::string> files, std::span<const std::string> overrides) {
   LoadedConfig loaded;

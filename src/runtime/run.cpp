@@ -13,6 +13,7 @@
 #include <span>
 #include <vector>
 
+#include "core/camera_keys.h"
 #include "detect/model_file.h"
 #include "eval/accuracy.h"
 #include "eval/consistency.h"
@@ -246,7 +247,7 @@ Status run_outcome(const RunContext& context) {
 
 namespace {
 
-/// Without a source the first camera is taken, without a profile its lens is guessed, and without its own map
+/// Without a source the first camera is taken, without a profile of it its lens is guessed, and without its own map
 /// to go on in, a run begins one.
 Result<RunOptions> complete(RunOptions options) {
   const bool camera = !options.source.starts_with("tum:");
@@ -263,7 +264,7 @@ Result<RunOptions> complete(RunOptions options) {
     options.source = usable->uri;
     spdlog::info("source: {} ({})", usable->uri, usable->description);
   }
-  if (camera && options.configs.empty()) {
+  if (camera && !describes_camera(options.configs)) {
     const NominalProfile nominal = nominal_profile(options.source);
     options.overrides.insert(options.overrides.begin(), nominal.overrides.begin(), nominal.overrides.end());
     spdlog::warn("{}", nominal.warning);

@@ -8,6 +8,8 @@
 #include <filesystem>
 #include <fstream>
 
+#include "core/camera_keys.h"
+
 namespace stillmap {
 namespace {
 
@@ -51,6 +53,17 @@ class ConfigFiles : public testing::Test {
   }
   std::filesystem::path folder_;
 };
+
+TEST_F(ConfigFiles, ACameraIsDescribedWhereOneOfItsOwnKeysIsSet) {
+  const std::string board = STILLMAP_SOURCE_DIR "/firmware-config/boards/raspberry-pi-4.toml";
+  const auto describes = [](std::vector<std::string> files) { return describes_camera(files); };
+  EXPECT_FALSE(describes({}));
+  EXPECT_FALSE(describes({board}));
+  EXPECT_FALSE(describes({board, write("robot.toml", "[camera]\nstall_s = 2\n")}));
+  EXPECT_FALSE(describes({write("broken.toml", "[camera\n"), folder_.string(), "/no/such/file"}));
+  EXPECT_TRUE(describes({kCamera, board}));
+  EXPECT_TRUE(describes({board, write("part.toml", "[camera]\nfx = 500\n")}));
+}
 
 TEST_F(ConfigFiles, LaterFilesOverrideEarlierOnesAndSetOverridesAll) {
   const std::string a = write("a.toml", "[track]\nfeatures = 500\nlevels = 4\n[map]\nvoxel_m = 0.1\n");
