@@ -5,11 +5,16 @@
 #include <functional>
 
 #include "core/status.h"
+#include "runtime/run_options.h"
 
 namespace stillmap {
 
 /// What a parsed subcommand does; its Status decides the exit code.
 using Action = std::function<Status()>;
+
+/// Adds a subcommand that takes everything that `run` takes.
+void add_command_of_run(CLI::App& app, const char* name, const char* help,
+                        Status (*command)(const RunOptions&), Action& action);
 
 // Each adds its subcommand to `app` and sets `action` when the user chose it.
 void add_run_command(CLI::App& app, Action& action);

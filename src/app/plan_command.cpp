@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <cstdio>
-#include <memory>
 #include <utility>
 
 #include "app/commands.h"
@@ -28,30 +27,22 @@ void print_plan(const Arena& planning, const FrameBudget& frames, double budget_
   std::printf("\n");
 }
 
+Status plan(const RunOptions& options) {
+  const Result<PlannedRun> planned = plan_run(options);
+  if (!planned.ok()) return planned.error();
+  const auto& [config, parts] = planned.value();
+  Arena planning;
+  plan_memory(planning, config, parts);
+  print_plan(planning, parts.frames(), config.memory.budget_mb);
+  return check_budget(planning, config);
+}
+
 }  // namespace
 
 void add_plan_command(CLI::App& app, Action& action) {
-  struct Options {
-    std::vector<std::string> configs, overrides;
-  };
-  const auto o = std::make_shared<Options>();
-  CLI::App* plan_app = app.add_subcommand("plan", "Print the memory plan; exit 2 where it is over budget");
-  plan_app->add_option("--config", o->configs, "Configuration file; later ones override earlier ones")
-      ->take_all();
-  plan_app->add_option("--set", o->overrides, "KEY=VALUE, overrides the files")->take_all();
-  plan_app->callback([o, &action] {
-    action = [o]() -> Status {
-      const Result<LoadedConfig> loaded = load_config(o->configs, o->overrides);
-      if (!loaded.ok()) return loaded.error();
-      const Config& config = loaded.value().config;
-      Arena planning;
-      const Stages::Parts parts{.detector = config.detector.model != "none",
-                                .stream = config.stream.listen != "off"};
-      plan_memory(planning, config, parts);
-      print_plan(planning, parts.frames(), config.memory.budget_mb);
-      return check_budget(planning, config);
-    };
-  });
+  add_command_of_run(app, "plan",
+                     "Print the memory plan of a run with the same options; exit 2 where it is over budget",
+                     plan, action);
 }
 
 }  // namespace stillmap

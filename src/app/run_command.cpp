@@ -48,9 +48,10 @@ void add_mode(CLI::App& run_app, const std::shared_ptr<RunOptions>& o) {
 
 }  // namespace
 
-void add_run_command(CLI::App& app, Action& action) {
+void add_command_of_run(CLI::App& app, const char* name, const char* help,
+                        Status (*command)(const RunOptions&), Action& action) {
   const auto o = std::make_shared<RunOptions>();
-  CLI::App* run_app = app.add_subcommand("run", "Track, map and stream from a camera or a recorded log");
+  CLI::App* run_app = app.add_subcommand(name, help);
   run_app->add_option("--config", o->configs, "Configuration file; later ones override earlier ones")
       ->take_all();
   run_app->add_option("--set", o->overrides, "KEY=VALUE, overrides the files")->take_all();
@@ -88,18 +89,22 @@ void add_run_command(CLI::App& app, Action& action) {
   run_app->add_option("--record", o->record,
                       "New folder for a log of what the source delivers; pictures show people as they are");
   run_app->add_option("--listen", o->listen, "ADDR:PORT of the stream, or off");
-  run_app->callback([o, &action, delay, every, adjust] {
+  run_app->callback([o, command, &action, delay, every, adjust] {
     const bool timed = delay->count() + every->count() + adjust->count() > 0;
-    action = [o, timed]() -> Status {
+    action = [o, command, timed]() -> Status {
       if (timed && o->mode != RunMode::Lockstep)
         return Error{
             ExitCode::WrongConfig,
             "--detector-delay, --detector-every and --adjust-delay are lockstep's; in every other mode "
             "the work takes the time it takes; add --mode lockstep"};
       if (Status s = check_files_differ(*o); !s.ok()) return s;
-      return run(*o);
+      return command(*o);
     };
   });
+}
+
+void add_run_command(CLI::App& app, Action& action) {
+  add_command_of_run(app, "run", "Track, map and stream from a camera or a recorded log", run, action);
 }
 
 }  // namespace stillmap

@@ -78,12 +78,28 @@ Status check_mode(RunMode mode, bool is_log) {
 }
 
 /// How many poses the outputs tell of; without any of them, none is kept.
-std::size_t poses_to_keep(const RunOptions& o, std::size_t log_frames) {
+std::size_t poses_to_keep(const RunOptions& o, const Config& config, std::size_t log_frames) {
   const bool written = !o.trajectory.empty() || !o.trajectory_final.empty();
   if (!written && o.groundtruth.empty()) return 0;
-  constexpr std::size_t kOfACamera = 200'000;  // close to two hours; the report counts what is beyond
-  if (log_frames == 0) return kOfACamera;
+  constexpr double kOfACamera_s = 1800;
+  if (log_frames == 0) return static_cast<std::size_t>(kOfACamera_s * config.mount.fps);
   return written ? log_frames * static_cast<std::size_t>(o.loops) : log_frames;
+}
+
+RunMode mode_of(const RunOptions& o, bool is_log) {
+  return o.mode.value_or(is_log ? RunMode::Realtime : RunMode::Live);
+}
+
+Stages::Parts parts_of(const RunOptions& o, const Config& config, bool detector, bool is_log,
+                       std::size_t log_frames) {
+  return {.detector = detector,
+          .stream = config.stream.listen != "off",
+          .log = is_log,
+          .lockstep_delay = mode_of(o, is_log) == RunMode::Lockstep ? o.detector.delay : 0,
+          .recorder_frames = o.record.empty() ? 0 : RecordLane::frames_held(config.record.buffer_frames),
+          .trajectory_poses = poses_to_keep(o, config, log_frames),
+          .final_trajectory = !o.trajectory_final.empty(),
+          .groundtruth = !o.groundtruth.empty()};
 }
 
 /// The poses of a log's first pass: ground truth knows no other.
@@ -194,6 +210,8 @@ void say_summary(const RunContext& context, const ReportFacts& facts) {
       "voxels",
       c.processed.load(), wall_s, c.initializing.load(), c.tracked.load(), c.weak.load(), c.lost.load(),
       c.keyframes.load(), context.stages.map.map().occupied_voxels());
+  if (const std::uint64_t beyond = context.track_log.causal.usage("").refused; beyond > 0)
+    spdlog::warn("{} later poses are in no trajectory; there is room for half an hour", beyond);
   if (facts.accuracy) {
     spdlog::info("ATE {:.4f} m (RMSE), {:.4f} m (max), coverage {:.3f}", facts.accuracy->ate_rmse_m,
                  facts.accuracy->ate_max_m, facts.accuracy->coverage);
@@ -218,13 +236,32 @@ void plan_memory(Arena& planning, const Config& config, const Stages::Parts& par
   const auto stages = std::make_unique<Stages>(planning, config, parts);
 }
 
+Result<PlannedRun> plan_run(const RunOptions& options) {
+  const Result<LoadedConfig> loaded = load_config_of_model(options.configs, options.overrides);
+  if (!loaded.ok()) return loaded.error();
+  PlannedRun planned{loaded.value().config, {}};
+  Config& config = planned.config;
+  if (!options.listen.empty()) config.stream.listen = options.listen;
+  const std::string& source = options.source;
+  std::size_t log_frames = 0;
+  if (source.starts_with("tum:")) {
+    const Result<OpenedSource> log = open_source(source, config, options.loops);
+    if (!log.ok()) return log.error();
+    log_frames = log.value().stamps.size();
+  }
+  const bool is_log = source.empty() || log_frames > 0 || source.ends_with(".oni");
+  planned.parts = parts_of(options, config, config.detector.model != "none", is_log, log_frames);
+  return planned;
+}
+
 Status check_budget(const Arena& planning, const Config& config) {
   const double mb = static_cast<double>(planning.bytes_planned()) / 1e6;
   if (mb <= config.memory.budget_mb) return {};
   return Error{ExitCode::WrongConfig,
                fmt::format("the memory plan needs {:.1f} MB, memory.budget_mb is {:.1f} MB; lower "
-                           "map.capacity_voxels, track.keyframes or the camera's resolution (`stillmap "
-                           "plan` shows the shares) or raise the budget",
+                           "map.capacity_voxels, track.keyframes or the camera's resolution, leave out "
+                           "--trajectory, --trajectory-final or --record (`stillmap plan` with the run's "
+                           "options shows the shares), or raise the budget",
                            mb, config.memory.budget_mb)};
 }
 
@@ -247,8 +284,8 @@ Status run_outcome(const RunContext& context) {
 
 namespace {
 
-/// Without a source the first camera is taken, without a profile of it its lens is guessed, and without its own map
-/// to go on in, a run begins one.
+/// Without a source the first camera is taken, without a profile of it its lens is guessed, and without its
+/// own map to go on in, a run begins one.
 Result<RunOptions> complete(RunOptions options) {
   const bool camera = !options.source.starts_with("tum:");
   if (options.source.empty()) {
@@ -312,7 +349,7 @@ Status run(const RunOptions& asked) {
   Result<OpenedSource> source = open_source(options.source, config, options.loops);
   if (!source.ok()) return source.error();
   const bool is_log = source.value().driver->describe().is_log;
-  const RunMode mode = options.mode.value_or(is_log ? RunMode::Realtime : RunMode::Live);
+  const RunMode mode = mode_of(options, is_log);
   if (Status s = check_mode(mode, is_log); !s.ok()) return s;
   Result<ModelFile> model = find_model(config.detector);
   if (!model.ok()) return model.error();
@@ -329,15 +366,8 @@ Status run(const RunOptions& asked) {
     spdlog::warn("detector.model is \"none\": nothing that moves is recognised by what it is");
   }
 
-  const Stages::Parts parts{
-      .detector = detector != nullptr,
-      .stream = config.stream.listen != "off",
-      .log = is_log,
-      .lockstep_delay = mode == RunMode::Lockstep ? options.detector.delay : 0,
-      .recorder_frames = options.record.empty() ? 0 : RecordLane::frames_held(config.record.buffer_frames),
-      .trajectory_poses = poses_to_keep(options, source.value().stamps.size()),
-      .final_trajectory = !options.trajectory_final.empty(),
-      .groundtruth = !options.groundtruth.empty()};
+  const Stages::Parts parts =
+      parts_of(options, config, detector != nullptr, is_log, source.value().stamps.size());
   Arena planning;
   plan_memory(planning, config, parts);
   if (Status s = check_budget(planning, config); !s.ok()) return s;

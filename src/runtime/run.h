@@ -20,6 +20,14 @@ Status run(const RunOptions& options);
 /// used or tracked and nobody asked for the end.
 Status run_outcome(const RunContext& context);
 
+/// What a run with these options is made of; it opens a log, for its length, but no camera and no network.
+/// Without a source: a log, which takes more, and as many poses as are kept of a camera.
+struct PlannedRun {
+  Config config;
+  Stages::Parts parts;
+};
+Result<PlannedRun> plan_run(const RunOptions& options);
+
 /// The memory that a run with these parts takes from its arena.
 void plan_memory(Arena& planning, const Config& config, const Stages::Parts& parts);
 /// The error for a plan above `memory.budget_mb`.

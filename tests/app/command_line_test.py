@@ -253,6 +253,22 @@ class Plan(ProgramTest):
         self.assertEqual(stillmap(*run_args("--mode", "lockstep", "--duration", "0.1", "--report", report)).returncode, DONE)
         self.assertAlmostEqual(json.loads(report.read_text())["memory"]["planned_bytes"] / 1e6, total_mb, delta=0.00051)
 
+    def test_the_plan_takes_the_runs_options(self):
+        report = self.path / "r.json"
+        options = ("--mode", "lockstep", "--detector-delay", "3", "--trajectory", self.path / "t.txt", "--trajectory-final", self.path / "f.txt",
+                   "--groundtruth", GROUNDTRUTH, "--record", self.path / "log", "--loop", "50", "--duration", "0.1", "--report", report)
+        run = run_args(*options, detector=DETECTOR)
+        rows, total_mb, _ = self.rows(stillmap("plan", *run[1:]).stdout)
+        sizes = {name: size for name, size, _ in rows}
+        for name in ("trajectory", "trajectory.covariances", "final_trajectory"):
+            self.assertGreater(sizes[name], 50 * FRAMES * 50, name)
+        self.assertEqual(stillmap(*run).returncode, DONE)
+        self.assertAlmostEqual(json.loads(report.read_text())["memory"]["planned_bytes"] / 1e6, total_mb, delta=0.00051)
+
+    def test_half_an_hour_of_a_camera_is_kept(self):
+        rows, _, _ = self.rows(stillmap("plan", *CAMERA, "--source", "openni2:", "--trajectory", "t.txt").stdout)
+        self.assertEqual({name: size for name, size, _ in rows}["trajectory"], 1800 * 30 * 104)
+
     def test_over_budget(self):
         over = ["--set", "memory.budget_mb=16"]
         result = stillmap("plan", *CAMERA, *over)
@@ -260,7 +276,7 @@ class Plan(ProgramTest):
         _, total_mb, budget_mb = self.rows(result.stdout)  # the table comes all the same
         self.assertGreater(total_mb, budget_mb)
         self.assertEqual(len(result.stderr.splitlines()), 1)
-        self.assert_error(stillmap(*run_args(*over)), WRONG_CONFIG, "memory.budget_mb", "map.capacity_voxels")
+        self.assert_error(stillmap(*run_args(*over)), WRONG_CONFIG, "memory.budget_mb", "map.capacity_voxels", "--trajectory-final")
 
 
 class Check(ProgramTest):
