@@ -21,7 +21,7 @@ inline constexpr std::array<std::string_view, 6> kTrackParts{"carried_boxes", "m
                                                              "alignment",     "adjustment",   "loops"};
 
 /// Every setting of the runtime, in one struct with defaults. The names, units, ranges and help of the keys
-/// stand in one place, `describe()` in config.cpp. Written once at start, read-only after it.
+/// stand in one place, `describe()` in config_keys.cpp. Written once at start, read-only after it.
 struct Config {
   struct Runtime {
     std::int64_t seed = 1;

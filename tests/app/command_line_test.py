@@ -301,7 +301,7 @@ class Check(ProgramTest):
             match = re.fullmatch(r"(\S+) = (.*)  # .*; from (.*)", line)
             self.assertTrue(match, line)
             found[match[1]] = (match[2], match[3])
-        described = set(re.findall(r'^ +\{"([a-z_]+\.[A-Za-z0-9_.]+)", &c\.', (SOURCE / "src/core/config.cpp").read_text(), re.M))
+        described = set(re.findall(r'^ +\{"([a-z_]+\.[A-Za-z0-9_.]+)", ', (SOURCE / "src/core/config_keys.cpp").read_text(), re.M))
         self.assertGreater(len(described), 40)
         self.assertEqual(set(found), described)
         self.assertEqual(found["track.features"], ("800", str(own)))

@@ -226,6 +226,19 @@ TEST_F(ConfigFiles, RecordedColourIsJpegOrPng) {
   EXPECT_THAT(error({}, {"record.colour=webp"}), HasSubstr("\"jpeg\" or \"png\""));
 }
 
+TEST_F(ConfigFiles, AWordThatIsNoneOfAKeysIsRefusedWithTheFileAndAllWords) {
+  for (const auto& [key, expected] : std::vector<std::pair<std::string, std::string>>{
+           {"record.colour", "\"jpeg\" or \"png\""},
+           {"detector.decoder", "\"nanodet_plus\", \"nanodet\", \"yolov5\", \"yolov8\" or \"yolox\""},
+           {"detector.colour_order", "\"bgr\" or \"rgb\""},
+           {"stream.preview", "\"masked\", \"off\" or \"full\""},
+           {"stream.full_preview_to", "\"loopback\" or \"network\""},
+           {"track.dynamic_rule", "\"silhouette\", \"paper\" or \"off\""}}) {
+    const std::string file = write("word.toml", key + " = \"gif\"\n");
+    EXPECT_THAT(error({file}), AllOf(HasSubstr(file), HasSubstr("'" + key + "' = "), HasSubstr(expected)));
+  }
+}
+
 TEST_F(ConfigFiles, TheBuiltInClassesAreCocosAndSorted) {
   const Config c = config({});
   EXPECT_EQ(c.classes.names.size(), 80u);
