@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/config.h"
 
-#include "core/camera_keys.h"
-
 // The library's tables of white space (3.3.0) end in __builtin_unreachable() where the answer is no: a letter
 // such as the u with two dots outside quotes would be undefined behaviour.
 // clang-format off

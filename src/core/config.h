@@ -126,6 +126,10 @@ struct LoadedConfig {
 /// value, what was expected and the unit.
 Result<LoadedConfig> load_config(std::span<const std::string> files, std::span<const std::string> overrides);
 
+/// Whether one of these files sets a key that every camera must have. False also for one that cannot be read:
+/// load_config() says so.
+bool describes_camera(std::span<const std::string> files);
+
 /// The pose that seven numbers of a configuration stand for: x, y, z in m and the quaternion x, y, z, w.
 Pose pose_from(const std::array<double, 7>& numbers);
 

@@ -46,8 +46,9 @@ std::string value_text(const Target& target) {
     std::string operator()(const std::int64_t* v) const { return std::to_string(*v); }
     std::string operator()(const double* v) const { return number_text(*v); }
     std::string operator()(const std::string* v) const { return quoted(*v); }
-    std::string operator()(const Path& v) const { return quoted(*v.to); }
-    std::string operator()(const Choice& v) const { return quoted(*v.to); }
+    // Qualified: for a string that may be written to, std::quoted would be the better match.
+    std::string operator()(const Path& v) const { return config::quoted(*v.to); }
+    std::string operator()(const Choice& v) const { return config::quoted(*v.to); }
     std::string operator()(const std::vector<std::string>* v) const { return list_text(*v, quoted); }
     std::string operator()(const std::vector<int>* v) const { return list_text(*v, number_text); }
     std::string operator()(const Triple* v) const { return list_text(*v, number_text); }

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <csignal>
 #include <ctime>
 #include <filesystem>
@@ -13,7 +14,6 @@
 #include <span>
 #include <vector>
 
-#include "core/camera_keys.h"
 #include "detect/model_file.h"
 #include "eval/accuracy.h"
 #include "eval/consistency.h"
@@ -213,8 +213,11 @@ void say_summary(const RunContext& context, const ReportFacts& facts) {
   if (const std::uint64_t beyond = context.track_log.causal.usage("").refused; beyond > 0)
     spdlog::warn("{} later poses are in no trajectory; there is room for half an hour", beyond);
   if (facts.accuracy) {
-    spdlog::info("ATE {:.4f} m (RMSE), {:.4f} m (max), coverage {:.3f}", facts.accuracy->ate_rmse_m,
-                 facts.accuracy->ate_max_m, facts.accuracy->coverage);
+    // A source without an end is nowhere covered.
+    const double coverage = facts.accuracy->coverage;
+    spdlog::info("ATE {:.4f} m (RMSE), {:.4f} m (max){}", facts.accuracy->ate_rmse_m,
+                 facts.accuracy->ate_max_m,
+                 std::isnan(coverage) ? std::string() : fmt::format(", coverage {:.3f}", coverage));
   }
 }
 

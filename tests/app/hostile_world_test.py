@@ -78,7 +78,8 @@ class HostileWorld(RunningTest):
         disk.write_text("-")
         process = self.start(*self.outputs(), environment={"LD_PRELOAD": WORLD, "STILLMAP_TEST_DISK": str(disk)})
         for state in "l-l":
-            disk.write_text(state)
+            with open(disk, "r+") as file:  # the program has it in its memory: it must not be empty for a moment
+                file.write(state)
             self.wait_for_frames(8)
         code, said = self.stop(process)
         self.assertEqual(code, DONE, said)

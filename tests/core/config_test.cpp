@@ -8,8 +8,6 @@
 #include <filesystem>
 #include <fstream>
 
-#include "core/camera_keys.h"
-
 namespace stillmap {
 namespace {
 
