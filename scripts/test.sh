@@ -93,12 +93,6 @@ run_ctest() { # PRESET OPTION...
   ctest --preset "$1" --parallel $(($(nproc) + 1)) --build-config "$([ "$full" = yes ] && echo Full || echo Release)" "${@:2}"
 }
 
-# The part of the ARM tests that says most for its time; --full has all of them.
-check_arm() {
-  toolchains/sysroot.sh aarch64 && cmake --preset aarch64-quick && cmake --build --preset aarch64-quick &&
-    ctest --preset aarch64-quick --parallel "$(nproc)"
-}
-
 step "set-up" scripts/setup.sh "--$([ "$full" = yes ] && echo full || echo tests)" || finish
 step "build release" build release all || finish
 step "format" check_format
@@ -108,7 +102,6 @@ step "shellcheck" shellcheck -x scripts/*.sh toolchains/*.sh tests/packaging/*.s
 step "tests" run_ctest release
 step "pipeline within its bounds" scripts/ci_gates.py
 step "demo" scripts/demo.sh --frames 60 --out build/demo
-[ "$full" = yes ] || step "on ARM, emulated" check_arm
 
 # Under sanitizers, scripts and the program's black-box tests say little more than the rooms' tests and take much longer;
 # the tracker's tests render their frames, which takes a sanitizer minutes. What takes bytes or indices from elsewhere is
