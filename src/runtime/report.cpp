@@ -93,12 +93,12 @@ Json record_part(const RunCounters& c) {
 
 Json map_part(const RunContext& context) {
   const VoxelMap& map = context.stages.map.map();
-  const FuseCounts& counts = context.stages.map.counts();
+  const FuseCounts& fused = context.stages.map.counts();
   const PoolUsage blocks = map.usage();
   return {{"voxels", map.occupied_voxels()},    {"blocks_used", map.blocks().blocks_used()},
           {"blocks_capacity", blocks.capacity}, {"blocks_evicted", map.blocks_evicted()},
           {"voxel_m", map.voxel_m()},           {"point_reduction", rounded(map.point_reduction(), 3)},
-          {"frames_fused", map.fused_frames()}, {"frames_fused_with_own_boxes", counts.own_boxes}};
+          {"frames_fused", map.fused_frames()}, {"frames_fused_with_own_boxes", fused.own_boxes}};
 }
 
 /// What a camera's frames cost until they are in their slots.
