@@ -37,6 +37,7 @@ Status check_files_differ(const RunOptions& o) {
 
 void add_mode(CLI::App& run_app, const std::shared_ptr<RunOptions>& o) {
   std::vector<std::string> words;
+  words.reserve(kRunModes.size());
   for (const RunMode mode : kRunModes) words.emplace_back(to_string(mode));
   const auto store = [o](const std::string& word) {
     o->mode = *std::ranges::find(kRunModes, word, [](RunMode m) { return std::string(to_string(m)); });
