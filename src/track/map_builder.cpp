@@ -115,7 +115,9 @@ void MapBuilder::revive_points(LocalMap& map, Keyframe& keyframe, std::uint64_t 
                                const FeatureExtractor& extractor) const {
   for (std::size_t i = 0; i < keyframe.features.size(); ++i) {
     KeyframeFeature& f = keyframe.features[i];
-    if (f.depth_m <= 0 || map.find(f.point) != nullptr) continue;
+    // A loaded keyframe does not know which of its features had a point; by the silhouette rule all had.
+    const bool had_point = f.point.slot >= 0 || config_.dynamic_rule == DynamicRule::Silhouette;
+    if (!had_point || f.depth_m <= 0 || map.find(f.point) != nullptr) continue;
     MapPoint point = new_point(keyframe, f, keyframe.descriptors[i], extractor);
     point.suspect = true;
     point.last_found_sequence = sequence;

@@ -92,6 +92,13 @@ TEST_F(MapBuilderTest, PointsThatWereGivenUpComeBackFromTheirKeyframe) {
   EXPECT_TRUE(point->suspect) << "it has to prove that it stands still";
 }
 
+TEST_F(MapBuilderTest, WhatNeverEnteredTheMapDoesNotComeBack) {
+  see({0.4, -0.2, 2}, test::random_descriptor(random), Label::Dynamic);
+  Keyframe& k = builder(DynamicRule::Paper).insert_keyframe(map, posed(), extractor);
+  builder(DynamicRule::Paper).revive_points(map, k, 77, extractor);
+  EXPECT_EQ(living(), 0u);
+}
+
 TEST_F(MapBuilderTest, ThePaperLetsOnlyTheStaticIn) {
   for (const DynamicRule rule : {DynamicRule::Paper, DynamicRule::Off}) {
     clear_frame();
