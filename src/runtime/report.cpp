@@ -155,6 +155,7 @@ std::string make_report(const RunContext& context, const ReportFacts& facts) {
   report["latency_ms"] = {{"capture_to_pose", quantiles(context.track_log.capture_to_pose)},
                           {"decode", quantiles(context.capture_log.decode_time)},
                           {"track", quantiles(context.track_log.track_time)},
+                          {"track_cpu", quantiles(context.track_log.track_cpu_time)},
                           {"adjust", quantiles(context.adjust_log.run_time)},
                           {"detect", quantiles(context.detect_log.run_time)},
                           {"fuse", quantiles(context.stages.map.fuse_time())},

@@ -3,6 +3,7 @@
 
 #include "detect/box_carrier.h"
 #include "runtime/block_feed.h"
+#include "runtime/capture.h"
 #include "runtime/heap_count.h"
 #include "runtime/scene.h"
 
@@ -59,9 +60,10 @@ void pass_correction(RunContext& context, const TrackingResult& result) {
 bool track_frame(RunContext& context, const FrameSlot& frame) {
   const HeapScope scope(HeapOwner::Track);
   const auto before = static_cast<TrackState>(context.counters.state.load(std::memory_order_relaxed));
-  const Nanoseconds begin = monotonic_now();
+  const Nanoseconds begin = monotonic_now(), cpu_begin = thread_cpu_now();
   const TrackingResult& result = context.stages.track.step(frame);
   context.track_log.track_time.add(monotonic_now() - begin);
+  context.track_log.track_cpu_time.add(thread_cpu_now() - cpu_begin);
   pass_correction(context, result);
   if (result.has_pose())
     context.stages.final_trajectory.note(result, context.stages.track.tracker().T_odom_reference_keyframe());

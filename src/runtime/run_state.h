@@ -74,7 +74,7 @@ struct TrackLog {
   ArenaVector<StampedPose> causal;  ///< each pose as first published, as far as there is room
   ArenaVector<std::array<double, 36>>
       covariances;  ///< of those poses, where ground truth is there to compare
-  LatencyHistogram capture_to_pose, track_time;
+  LatencyHistogram capture_to_pose, track_time, track_cpu_time;
   Nanoseconds first_pose_ns = 0;  ///< monotonic; 0 = none yet
 
   /// Takes in one tracking result; `before` is the state of the frame before it.

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "track/grey.h"
 #include "track/keyframe_file.h"
@@ -144,6 +145,8 @@ const TrackingResult& Tracker::track(const FrameSlot& slot, const DynamicMask& m
   }
   if (result_.has_pose()) {
     lost_since_ns_ = 0;
+    // Not in the keyframe's own frame: that one has enough to do.
+    if (unasked_) loops_.ask(map_, *std::exchange(unasked_, std::nullopt), places_);
     motion_.posed(slot.colour_ns, result_.T_odom_camera);
     inliers_before_ = result_.inliers;
     if (!result_.is_keyframe) {
@@ -365,7 +368,7 @@ void Tracker::insert_keyframe(const FrameSlot& slot) {
   builder_.cull_points(map_);
   const Keyframe& keyframe = builder_.insert_keyframe(map_, posed(slot), extractor_);
   note_place(keyframe);
-  if (closes_loops_) loops_.ask(map_, static_cast<std::size_t>(&keyframe - map_.keyframes().data()), places_);
+  if (closes_loops_) unasked_ = static_cast<std::size_t>(&keyframe - map_.keyframes().data());
   stand_on(keyframe);
   keyframe_ns_ = keyframe.stamp_ns;
   result_.is_keyframe = true;

@@ -14,7 +14,7 @@ KEYS = {
     "frames": {"offered": COUNT, "processed": COUNT, "dropped": {}},
     "tracking": {"initializing": COUNT, "tracked": COUNT, "weak": COUNT, "lost": COUNT, "relocalized": COUNT, "segments": COUNT, "keyframes": COUNT,
                  "corrections": COUNT, "features": {"static": COUNT, "dynamic": COUNT, "semi_static": COUNT, "unknown": COUNT}},
-    "latency_ms": {k: QUANTILES for k in ("capture_to_pose", "decode", "track", "detect", "fuse", "fuse_cpu")},
+    "latency_ms": {k: QUANTILES for k in ("capture_to_pose", "decode", "track", "track_cpu", "detect", "fuse", "fuse_cpu")},
     "throughput_fps": NUMBER, "cpu_s": NUMBER, "cpu_decode_s": NUMBER, "wall_s": NUMBER, "start_to_first_pose_ms": NUMBER,
     "detector": {"model": TEXT, "runs": COUNT, "latency_ms": QUANTILES, "frames_with_fresh_boxes": COUNT,
                  "frames_with_carried_boxes": COUNT, "frames_without_boxes": COUNT},

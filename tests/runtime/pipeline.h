@@ -94,6 +94,7 @@ struct Pipeline {
     EXPECT_EQ(context->track_log.causal.size(), c.tracked.load() + c.weak.load());
     EXPECT_EQ(context->track_log.capture_to_pose.count(), c.tracked.load() + c.weak.load());
     EXPECT_EQ(context->track_log.track_time.count(), c.processed.load());
+    EXPECT_EQ(context->track_log.track_cpu_time.count(), c.processed.load());
     for (std::size_t i = 1; i < context->track_log.causal.size(); ++i) {
       EXPECT_LT(context->track_log.causal[i - 1].stamp_ns, context->track_log.causal[i].stamp_ns);
     }
