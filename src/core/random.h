@@ -9,6 +9,10 @@ namespace stillmap {
 class Random {
  public:
   explicit Random(std::uint64_t seed) : state_(seed) {}
+  /// The n-th of the sequences that a run with this seed (runtime.seed) draws from.
+  static Random of(std::int64_t seed, std::uint64_t n) {
+    return Random(static_cast<std::uint64_t>(seed) * 0x9e3779b97f4a7c15ULL + n);
+  }
   std::uint64_t next() {
     std::uint64_t z = state_ += 0x9e3779b97f4a7c15ULL;
     z = (z ^ z >> 30) * 0xbf58476d1ce4e5b9ULL;

@@ -43,20 +43,13 @@ static_assert(sizeof(KeyframeRecord) + Keyframe::kMaxFeatures * sizeof(FeatureRe
 struct PointRecord {
   std::uint32_t kind = kPoint, id = 0;
   Vec3 p_map, view_direction;
-  std::array<double, 6> information{};
+  Symmetric3 information{};
   double reference_distance_m = 0;
   std::uint32_t reference_octave = 0, suspect = 0, visible = 0, found = 0;
   Descriptor descriptor;
   std::uint32_t segment = 0, unused = 0;
 };
 static_assert(sizeof(PointRecord) == 168);
-
-/// R * A * R^T of symmetric matrices kept as their upper triangle.
-std::array<double, 6> turned(const std::array<double, 6>& a, const Mat3& R) {
-  const Mat3 whole{{a[0], a[1], a[2], a[1], a[3], a[4], a[2], a[4], a[5]}};
-  const Mat3 t = R * whole * transposed(R);
-  return {t(0, 0), t(0, 1), t(0, 2), t(1, 1), t(1, 2), t(2, 2)};
-}
 
 class Room {
  public:

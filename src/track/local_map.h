@@ -9,6 +9,7 @@
 #include "core/arena.h"
 #include "core/feature.h"
 #include "core/time.h"
+#include "track/symmetric.h"
 
 namespace stillmap {
 
@@ -16,7 +17,7 @@ namespace stillmap {
 struct MapPoint {
   Vec3 p_odom;
   /// Inverse covariance of p_odom, upper triangle: xx, xy, xz, yy, yz, zz, in 1/m^2.
-  std::array<double, 6> information{};
+  Symmetric3 information{};
   Vec3 view_direction;  ///< unit vector from the point to the camera that last described it
   Descriptor descriptor;
   double reference_distance_m = 0;  ///< from that camera

@@ -35,9 +35,7 @@ std::array<double, 36> shared_information() {
 void move_point(MapPoint& point, const Pose& T) {
   point.p_odom = T * point.p_odom;
   point.view_direction = T.R * point.view_direction;
-  const auto& i = point.information;
-  const Mat3 turned = T.R * Mat3{{i[0], i[1], i[2], i[1], i[3], i[4], i[2], i[4], i[5]}} * transposed(T.R);
-  point.information = {turned(0, 0), turned(0, 1), turned(0, 2), turned(1, 1), turned(1, 2), turned(2, 2)};
+  point.information = turned(point.information, T.R);
 }
 
 }  // namespace

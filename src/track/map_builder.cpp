@@ -15,14 +15,8 @@ namespace {
 constexpr double kPoseSigma_m = 0.004;
 constexpr std::uint16_t kSettledAfter = 40;  // measurements after which a point keeps its place
 
-Eigen::Matrix3d unpacked(const std::array<double, 6>& i) {
-  Eigen::Matrix3d m;
-  m << i[0], i[1], i[2], i[1], i[3], i[4], i[2], i[4], i[5];
-  return m;
-}
-
-std::array<double, 6> packed(const Eigen::Matrix3d& m) {
-  return {m(0, 0), m(0, 1), m(0, 2), m(1, 1), m(1, 2), m(2, 2)};
+Eigen::Matrix3d information_of(const MapPoint& point) {
+  return Eigen::Matrix3d(whole(point.information).m.data());  // symmetric: its order does not matter
 }
 
 /// Information of one measurement: sharp across the ray, and along it as sharp as the depth sensor.
@@ -45,7 +39,7 @@ Vec3 measured_position(const AnyFeature& f, const Pose& T_odom_camera) {
 }  // namespace
 
 double variance_along(const MapPoint& point, Vec3 direction) {
-  const Eigen::Matrix3d information = unpacked(point.information);
+  const Eigen::Matrix3d information = information_of(point);
   const Eigen::Vector3d d(direction.x, direction.y, direction.z);
   return d.dot(information.inverse() * d);
 }
@@ -62,7 +56,7 @@ MapPoint MapBuilder::new_point(const Keyframe& keyframe, const KeyframeFeature& 
   MapPoint point;
   point.p_odom = measured_position(f, keyframe.T_odom_camera);
   point.information =
-      packed(measurement_information(f, keyframe.T_odom_camera, camera_, extractor.scale(f.octave)));
+      upper_triangle(measurement_information(f, keyframe.T_odom_camera, camera_, extractor.scale(f.octave)));
   const Vec3 to_camera = keyframe.T_odom_camera.t - point.p_odom;
   point.reference_distance_m = norm(to_camera);
   point.view_direction = 1 / point.reference_distance_m * to_camera;
@@ -136,11 +130,11 @@ void MapBuilder::refine_points(LocalMap& map, const PosedFeatures& posed,
     if (f.depth_m <= 0 || point.found > kSettledAfter) continue;
     const Eigen::Matrix3d measured =
         measurement_information(f, posed.T_odom_camera, camera_, extractor.scale(f.octave));
-    const Eigen::Matrix3d sum = unpacked(point.information) + measured;
+    const Eigen::Matrix3d sum = information_of(point) + measured;
     const Vec3 offset = measured_position(f, posed.T_odom_camera) - point.p_odom;
     const Eigen::Vector3d step = sum.inverse() * (measured * Eigen::Vector3d(offset.x, offset.y, offset.z));
     point.p_odom = point.p_odom + Vec3{step[0], step[1], step[2]};
-    point.information = packed(sum);
+    point.information = upper_triangle(sum);
   }
 }
 

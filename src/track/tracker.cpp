@@ -7,7 +7,6 @@
 
 #include "track/grey.h"
 #include "track/keyframe_file.h"
-#include "track/point_trust.h"
 #include "track/pose_covariance.h"
 #include "track/rolling_shutter.h"
 
@@ -16,15 +15,8 @@ namespace stillmap {
 namespace {
 
 constexpr std::size_t kFeatureCapacity = Keyframe::kMaxFeatures;
-// The prediction may be wrong by a jerk of the hand; once solved, only noise is left.
-constexpr SearchWindow kAroundPrediction{.radius_px = 16, .max_distance = 70, .depth_share = 0.15};
-constexpr SearchWindow kWide{.radius_px = 48, .max_distance = 60, .depth_share = 0.25};
-constexpr SearchWindow kAroundSolution{.radius_px = 5, .max_distance = 80, .depth_share = 0.08};
-constexpr std::uint64_t kMoment = 30;  // frames
-constexpr double kSteady_s = 0.15;     // between two frames, for the turn to be as fast in the later one
+constexpr double kSteady_s = 0.15;   // between two frames, for the turn to be as fast in the later one
 constexpr double kLong_s = 0.1;      // between two frames, for a motion model to say little of the later one
-constexpr int kSurely = 100;         // inliers that no wrong pose has
-constexpr int kPoor = 80;            // fewer, after a frame with thrice as many: perhaps a wrong one
 constexpr int kFewestToStart = 100;  // points of the first keyframe
 constexpr std::size_t kPlacesPerTry = 2;     // keyframes compared per lost frame, beside the newest
 constexpr std::size_t kPlaceFeatures = 500;  // of a keyframe, that the place index goes by
@@ -39,7 +31,6 @@ Pose mount_of(const Config& config) {
 
 Tracker::Tracker(Arena& arena, const Config& config)
     : config_(config),
-      weighs_trust_(config.track.dynamic_rule == DynamicRule::Silhouette && config.track.has("point_trust")),
       checks_motion_(config.track.dynamic_rule == DynamicRule::Silhouette &&
                      config.track.has("motion_check")),
       aligns_(config.track.has("alignment")),
@@ -57,19 +48,15 @@ Tracker::Tracker(Arena& arena, const Config& config)
       grid_(arena, kFeatureCapacity, config.camera),
       map_(arena, static_cast<std::size_t>(config.track.keyframes),
            static_cast<std::size_t>(config.track.points)),
-      matcher_(arena, config.track, config.camera),
       builder_(config.track, config.camera),
       places_(arena, static_cast<std::size_t>(config.track.keyframes), kPlaceFeatures),
-      relocalizer_(arena, config.track, config.camera),
+      localizer_(arena, config, map_, frame_, grid_, extractor_),
       semi_static_(arena, config.track, config.camera, kFeatureCapacity),
       motion_check_(arena, config.camera, kFeatureCapacity),
       adjustment_(arena, config.camera, static_cast<std::size_t>(config.track.points)),
       loops_(arena, config.track, config.camera),
       readout_(arena, config.camera, static_cast<std::size_t>(config.track.points), kFeatureCapacity),
-      motion_(T_base_camera_),
-      matches_(arena.take<FeatureMatch>("matches", kFeatureCapacity)),
-      observations_(arena.take<PoseObservation>("pose_observations", kFeatureCapacity)),
-      observed_feature_(arena.take<std::uint16_t>("pose_observations.feature", kFeatureCapacity)) {
+      motion_(T_base_camera_) {
   result_.T_odom_camera = T_base_camera_;
 }
 
@@ -96,10 +83,6 @@ void Tracker::stand_on(const Keyframe& keyframe) {
 void Tracker::note_place(const Keyframe& keyframe) {
   places_.insert(static_cast<std::size_t>(&keyframe - map_.keyframes().data()),
                  std::span<const Descriptor>(keyframe.descriptors).first(keyframe.features.size()));
-}
-
-Random Tracker::random_for(std::uint64_t sequence) const {
-  return Random(static_cast<std::uint64_t>(config_.runtime.seed) * 0x9e3779b97f4a7c15ULL + sequence);
 }
 
 Pose Tracker::predict(Nanoseconds stamp_ns) {
@@ -130,7 +113,6 @@ const TrackingResult& Tracker::track(const FrameSlot& slot, const DynamicMask& m
       straighten_rows(config_.camera, readout_.readout_s() * *turn_rad_per_s, frame_.features);
   }
   grid_.build(frame_);
-  std::fill(matches_.begin(), matches_.end(), FeatureMatch{});
 
   if (result_.state == TrackState::Initializing) {
     start_map(slot);
@@ -153,7 +135,7 @@ const TrackingResult& Tracker::track(const FrameSlot& slot, const DynamicMask& m
       if (checks_motion_)
         motion_check_.relabel(frame_, grid_, matches(), slot.colour_ns, result_.T_odom_camera, extractor_);
       builder_.refine_points(map_, posed(slot), extractor_);
-      matcher_.count_visible(map_, slot.depth);
+      localizer_.count_visible(slot.depth);
       if (wants_keyframe()) insert_keyframe(slot);
     }
     close_loops(slot.sequence);
@@ -180,7 +162,7 @@ void Tracker::start_map(const FrameSlot& slot) {
     return f.label == Label::Static && f.depth_m > 0;
   });
   if (usable < kFewestToStart) return;
-  std::fill(matches_.begin(), matches_.end(), FeatureMatch{});
+  std::ranges::fill(matches(), FeatureMatch{});
   map_.begin_segment();
   segment_begin_ = map_.next_keyframe_id();
   ++result_.segment;
@@ -213,110 +195,30 @@ void Tracker::align(const FrameSlot& slot, const Pose& T_odom_camera_predicted) 
 
 bool Tracker::localize(const FrameSlot& slot, const Pose& T_odom_camera_predicted) {
   const bool was_lost = result_.state == TrackState::Lost;
-  prior_ = motion_.prior(slot.colour_ns);
-  lost_by_looking_ = false;
-  bool found = false;
-  if (!was_lost || prior_) {
-    found = follow(slot, T_odom_camera_predicted);
-    if (!found && prior_) {
-      // What there is corrects the motion model instead of replacing it.
-      lost_by_looking_ = true;
-      matcher_.project(map_, inverse(T_odom_camera_predicted));
-      found = match_and_solve(kAroundPrediction, T_odom_camera_predicted);
-    }
-    if (!found) prior_.reset();
-  }
+  const bool long_step = motion_.seconds_since_pose(slot.colour_ns) > kLong_s;
+  const std::optional<PosePrior> prior = motion_.prior(slot.colour_ns);
+  localizer_.begin(slot.sequence, slot.colour_ns, prior);
+  const PoseGuess guess{T_odom_camera_predicted, aligns_ ? std::optional(aligned_) : std::nullopt, long_step,
+                        inliers_before_};
+  bool found = (!was_lost || prior) && localizer_.follow(guess);
   if (!found) found = relocalize();
-  if (!found) return false;
-
-  if (config_.track.dynamic_rule != DynamicRule::Off && motion_.has_pose()) {
-    semi_static_.relabel(frame_, matches(), inverse(motion_.last()) * result_.T_odom_camera,
-                         random_for(slot.sequence));
+  if (found && config_.track.dynamic_rule != DynamicRule::Off && motion_.has_pose()) {
+    semi_static_.relabel(frame_, matches(), inverse(motion_.last()) * localizer_.T_odom_camera(),
+                         Random::of(config_.runtime.seed, slot.sequence));
   }
-  matcher_.reproject(map_, inverse(result_.T_odom_camera));
-  return match_and_solve(kAroundSolution, result_.T_odom_camera);
-}
-
-bool Tracker::follow(const FrameSlot& slot, const Pose& T_odom_camera_predicted) {
-  matcher_.project(map_, inverse(T_odom_camera_predicted));
-  const bool found = match_and_solve(kAroundPrediction, T_odom_camera_predicted);
-  if (found && estimate_.inliers >= std::min(kPoor, inliers_before_ / 3)) return true;
-  // A few wrong matches around a wrong prediction agree now and then. What is poor gives way to what is sure,
-  // and else to what most speaks for.
-  int most = found ? estimate_.inliers : 0;
-  Pose best = found ? result_.T_odom_camera : T_odom_camera_predicted;
-  const auto sure = [&](const SearchWindow& window, const Pose& from) {
-    matcher_.project(map_, inverse(from));
-    if (!match_and_solve(window, from)) return false;
-    if (estimate_.inliers > most) {
-      most = estimate_.inliers;
-      best = result_.T_odom_camera;
-    }
-    return estimate_.inliers >= kSurely;
-  };
-  if (aligns_ && sure(kAroundPrediction, aligned_)) return true;
-  // Wider, for what was in view a moment ago: all points would take several times as long.
-  SearchWindow wide = kWide;
-  wide.found_since = result_.sequence - std::min(result_.sequence, kMoment);
-  if (sure(wide, T_odom_camera_predicted)) return true;
-  // Wherever it may be, after a step of which no motion model knows.
-  if (motion_.seconds_since_pose(slot.colour_ns) > kLong_s) {
-    relocalizer_.take(frame_);
-    const std::optional<FoundPose> by_newest = find_by(*map_.newest_keyframe());
-    if (by_newest && sure(kAroundPrediction, inverse(by_newest->T_camera_odom))) return true;
-  }
-  matcher_.project(map_, inverse(best));
-  return most > 0 && match_and_solve(kAroundPrediction, best);
-}
-
-bool Tracker::match_and_solve(const SearchWindow& window, const Pose& T_odom_camera) {
-  SearchWindow search = window;
-  search.any_label = weighs_trust_;
-  result_.matches = matcher_.match(map_, frame_, grid_, search, extractor_, matches());
-  observations_.clear();
-  for (std::size_t i = 0; i < frame_.features.size(); ++i) {
-    if (matches_[i].slot < 0) continue;
-    const MapPoint& point = map_.points()[static_cast<std::size_t>(matches_[i].slot)];
-    const Feature& f = frame_.features[i];
-    PoseObservation o{.p_world = point.p_odom, .ray_x = f.ray_x, .ray_y = f.ray_y};
-    o.sigma_px = extractor_.sigma_px(f.octave);
-    if (f.depth_m > 0) {
-      o.depth_m = f.depth_m;
-      const Vec3 axis = T_odom_camera.R * Vec3{0, 0, 1};
-      const double sensor = config_.camera.depth_sigma_m(f.depth_m);
-      o.sigma_depth_m = std::sqrt(sensor * sensor + variance_along(point, axis));
-    }
-    if (weighs_trust_) o.weight = trust_in(point, f.label, result_.stamp_ns);
-    observed_feature_[observations_.size()] = static_cast<std::uint16_t>(i);
-    static_cast<void>(observations_.try_push_back(o));
-  }
-  const bool starved = readmit_if_starved(observations_, observed_feature_, frame_.features);
-  const PosePrior* prior = prior_ && (starved || lost_by_looking_) ? &*prior_ : nullptr;
-  estimate_ = solve_pose(observations_, config_.camera, inverse(T_odom_camera), prior);
-  for (std::size_t k = 0; k < observations_.size(); ++k) {
-    if (!observations_[k].inlier) matches_[observed_feature_[k]].slot = -1;
-  }
-  const bool few_will_do = prior != nullptr && lost_by_looking_;
-  const int fewest = few_will_do ? config_.track.min_inliers / 2 : config_.track.min_inliers;
-  if (!estimate_.converged || estimate_.inliers < fewest) return false;
-  result_.T_odom_camera = inverse(estimate_.T_camera_world);
-  return true;
-}
-
-std::optional<FoundPose> Tracker::find_by(const Keyframe& keyframe) {
-  return relocalizer_.find_by(keyframe, random_for(result_.sequence + keyframe.id));
+  found = found && localizer_.refine();
+  result_.matches = localizer_.matched();
+  if (found) result_.T_odom_camera = localizer_.T_odom_camera();
+  return found;
 }
 
 bool Tracker::found_by(Keyframe& keyframe) {
-  const std::optional<FoundPose> found = find_by(keyframe);
+  const std::optional<FoundPose> found = localizer_.find_by(keyframe);
   const std::uint32_t lost_in = map_.segment();
   const bool elsewhere = keyframe.segment != lost_in;
   if (!found || (elsewhere && !found->sure)) return false;
   map_.enter_segment(keyframe.segment);
-  const auto confirmed = [&] {
-    matcher_.project(map_, found->T_camera_odom);
-    return match_and_solve(kAroundPrediction, inverse(found->T_camera_odom));
-  };
+  const auto confirmed = [&] { return localizer_.around(inverse(found->T_camera_odom)); };
   bool sure = confirmed();
   if (!sure && found->sure) {
     // Seen long ago, and its points were given up since.
@@ -333,7 +235,6 @@ bool Tracker::found_by(Keyframe& keyframe) {
 }
 
 bool Tracker::relocalize() {
-  relocalizer_.take(frame_);
   // The newest keyframe first: most often the camera has only jumped. Then those that look most alike.
   Keyframe* newest = map_.newest_keyframe();
   if (newest != nullptr && found_by(*newest)) return true;
@@ -348,12 +249,13 @@ bool Tracker::relocalize() {
 }
 
 void Tracker::judge() {
-  result_.inliers = estimate_.inliers;
-  result_.rms_px = estimate_.rms_px;
+  const PoseEstimate& estimate = localizer_.estimate();
+  result_.inliers = estimate.inliers;
+  result_.rms_px = estimate.rms_px;
   result_.covariance =
-      honest_covariance(estimate_.covariance, motion_.speed_to(result_.stamp_ns, result_.T_odom_camera),
+      honest_covariance(estimate.covariance, motion_.speed_to(result_.stamp_ns, result_.T_odom_camera),
                         config_.camera.stamp_sigma_s);
-  result_.state = estimate_.inliers >= config_.track.weak_inliers ? TrackState::Tracking : TrackState::Weak;
+  result_.state = estimate.inliers >= config_.track.weak_inliers ? TrackState::Tracking : TrackState::Weak;
 }
 
 bool Tracker::wants_keyframe() const {
@@ -377,7 +279,7 @@ void Tracker::insert_keyframe(const FrameSlot& slot) {
 }
 
 void Tracker::close_loops(std::uint64_t sequence) {
-  const std::optional<Pose> moved = loops_.step(map_, random_for(sequence));
+  const std::optional<Pose> moved = loops_.step(map_, Random::of(config_.runtime.seed, sequence));
   if (!moved) return;
   // What lies behind has moved, the newest keyframe and with it odom has not.
   result_.T_map_odom = result_.T_map_odom * *moved;

@@ -18,15 +18,13 @@
 #include "track/frame_alignment.h"
 #include "track/local_adjustment.h"
 #include "track/local_map.h"
+#include "track/localizer.h"
 #include "track/loop_closing.h"
 #include "track/map_builder.h"
 #include "track/motion_check.h"
 #include "track/motion_model.h"
 #include "track/place_index.h"
-#include "track/pose_solver.h"
-#include "track/projection_matcher.h"
 #include "track/readout_estimator.h"
-#include "track/relocalizer.h"
 #include "track/semi_static_check.h"
 
 namespace stillmap {
@@ -82,12 +80,9 @@ class Tracker {
   void start_segment(const FrameSlot& slot);
   void align(const FrameSlot& slot, const Pose& T_odom_camera_predicted);
   bool localize(const FrameSlot& slot, const Pose& T_odom_camera_predicted);
-  bool follow(const FrameSlot& slot, const Pose& T_odom_camera_predicted);
-  bool match_and_solve(const SearchWindow& window, const Pose& T_odom_camera);
   bool relocalize();
   void stand_on(const Keyframe& keyframe);
   bool found_by(Keyframe& keyframe);
-  std::optional<FoundPose> find_by(const Keyframe& keyframe);
   void label_features(const DynamicMask& mask);
   void take_adjustment();
   void close_loops(std::uint64_t sequence);
@@ -96,15 +91,14 @@ class Tracker {
   void insert_keyframe(const FrameSlot& slot);
   void note_place(const Keyframe& keyframe);
   void count_labels();
-  Random random_for(std::uint64_t sequence) const;
   PosedFeatures posed(const FrameSlot& slot) {
     return {frame_, matches(), result_.T_odom_camera, slot.sequence, slot.colour_ns};
   }
-  std::span<FeatureMatch> matches() { return matches_.first(frame_.features.size()); }
+  std::span<FeatureMatch> matches() { return localizer_.matches(); }
 
   Config config_;
   /// What is not left out (track.without).
-  bool weighs_trust_, checks_motion_, aligns_, adjusts_, closes_loops_;
+  bool checks_motion_, aligns_, adjusts_, closes_loops_;
   Pose T_base_camera_;
   ImageView<std::uint8_t> grey_;  // of the frame at work
   FeatureExtractor extractor_;
@@ -112,26 +106,19 @@ class Tracker {
   FrameFeatures frame_;
   FeatureGrid grid_;
   LocalMap map_;
-  ProjectionMatcher matcher_;
   MapBuilder builder_;
   PlaceIndex places_;
-  Relocalizer relocalizer_;
+  Localizer localizer_;
   SemiStaticCheck semi_static_;
   MotionCheck motion_check_;
   LocalAdjustment adjustment_;
   LoopClosing loops_;
   ReadoutEstimator readout_;
   MotionModel motion_;
-  std::span<FeatureMatch> matches_;
-  ArenaVector<PoseObservation> observations_;
-  std::span<std::uint16_t> observed_feature_;  // which feature observation i belongs to
 
   TrackingResult result_;
-  PoseEstimate estimate_;
-  int inliers_before_ = 0;          // of the last posed frame
-  Pose aligned_;                    // T_odom_camera of this frame, by small pictures
-  bool lost_by_looking_ = false;    // this frame's features alone give no pose
-  std::optional<PosePrior> prior_;  // of this frame, for when its features alone are not enough
+  int inliers_before_ = 0;  // of the last posed frame
+  Pose aligned_;            // T_odom_camera of this frame, by small pictures
   Pose T_odom_keyframe_;
   int keyframe_points_ = 0;
   std::uint32_t segment_begin_ = 0;  // first keyframe since the newest change of segment

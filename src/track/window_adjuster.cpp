@@ -72,10 +72,7 @@ bool linearize(const WindowObservation& o, const CameraModel& camera, const Pose
 constexpr double kFusedWeight = 2;
 
 Matrix3 fused_information(const WindowPoint& point) {
-  const std::array<double, 6>& i = point.information;
-  Matrix3 H;
-  H << i[0], i[1], i[2], i[1], i[3], i[4], i[2], i[4], i[5];
-  return kFusedWeight * H;
+  return kFusedWeight * Matrix3(whole(point.information).m.data());
 }
 
 Vector3 from_fused(const WindowPoint& point, Vec3 p_odom) {

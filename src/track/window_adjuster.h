@@ -33,7 +33,7 @@ struct WindowPoint {
   Vec3 p_odom;
   /// What frames between the keyframes have told of it; `information` as in MapPoint.
   Vec3 p_odom_fused = p_odom;
-  std::array<double, 6> information{};
+  Symmetric3 information{};
 };
 
 /// A copy of the part of the local map that is adjusted together, so that it can be worked on while the map
