@@ -95,6 +95,7 @@ struct Config {
   struct Map {
     double voxel_m = 0.04;
     int capacity_voxels = 2'000'000;
+    int kept_blocks = 20'000;
     int fuse_every = 2;
     double max_range_m = 4.5;
     int keyframe_copies = 32;

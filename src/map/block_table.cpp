@@ -21,10 +21,12 @@ std::uint64_t key_of(BlockCoordinates at) {
 
 }  // namespace
 
-BlockTable::BlockTable(Arena& arena, std::size_t blocks, FreeSpace* free_space)
+BlockTable::BlockTable(Arena& arena, std::size_t blocks, FreeSpace* free_space, EvictedBlocks* evicted)
     : free_space_(free_space),
+      evicted_blocks_(evicted),
       blocks_(arena.take<Block>("map_blocks", blocks)),
       voxels_(arena.take<Voxel>("map_voxels", blocks * kBlockVoxels)),
+      T_new_old_(arena.take<Pose>("map_block_motions", blocks)),
       slots_(arena.take<int>("map_hash_slots", std::bit_ceil(2 * blocks))),
       candidates_(arena.take<Candidate>("map_eviction", blocks)),
       free_(arena.take<int>("map_free_blocks", blocks)),
@@ -37,12 +39,7 @@ void BlockTable::begin_frame(BlockCoordinates camera) {
 }
 
 std::size_t BlockTable::home_slot(BlockCoordinates at) const {
-  // Each axis is multiplied by an odd number of its own; the high bits, which every input bit reaches,
-  // choose.
-  const std::uint64_t mixed = static_cast<std::uint32_t>(at.x) * 0x9e3779b97f4a7c15u ^
-                              static_cast<std::uint32_t>(at.y) * 0xc2b2ae3d27d4eb4fu ^
-                              static_cast<std::uint32_t>(at.z) * 0x165667b19e3779f9u;
-  return static_cast<std::size_t>((mixed ^ mixed >> 32) * 0x9e3779b97f4a7c15u >> 32) & (slots_.size() - 1);
+  return hash_of(at) & (slots_.size() - 1);
 }
 
 std::size_t BlockTable::slot_of(BlockCoordinates at) const {
@@ -63,7 +60,7 @@ int BlockTable::find_or_add(BlockCoordinates at, std::uint32_t anchor_keyframe) 
   std::size_t slot = slot_of(at);
   if (slots_[slot] != 0 && block(slots_[slot] - 1).state == BlockState::Current) return slots_[slot] - 1;
   const Change change(*this);
-  const int index = take_index(distance2_to_camera(at));
+  const int index = take_index(distance2(at, camera_));
   if (index == kNone) {
     ++refused_;
     return kNone;
@@ -154,10 +151,10 @@ void BlockTable::note_fused(int index, std::uint64_t sequence, bool changed, int
   b.occupied = static_cast<std::uint16_t>(occupied);
 }
 
-int BlockTable::take_index(std::int64_t distance2) {
+int BlockTable::take_index(std::int64_t farther_than2) {
   if (free_count_ > 0) return free_[--free_count_];
   if (static_cast<std::size_t>(used_) < blocks_.size()) return used_++;
-  return evict_one_farther_than(distance2);
+  return evict_one_farther_than(farther_than2);
 }
 
 void BlockTable::release(int index) {
@@ -173,17 +170,11 @@ void BlockTable::release(int index) {
   free_[free_count_++] = index;
 }
 
-std::int64_t BlockTable::distance2_to_camera(BlockCoordinates at) const {
-  const std::int64_t x = std::int64_t{at.x} - camera_.x, y = std::int64_t{at.y} - camera_.y,
-                     z = std::int64_t{at.z} - camera_.z;
-  return x * x + y * y + z * z;
-}
-
 void BlockTable::pick_candidates() {
   picked_candidates_ = true;
   next_candidate_ = 0;
   for (int i = 0; i < used_; ++i)
-    candidates_[static_cast<std::size_t>(i)] = {distance2_to_camera(block(i).at), i};
+    candidates_[static_cast<std::size_t>(i)] = {distance2(block(i).at, camera_), i};
   candidate_count_ = std::max<std::size_t>(1, blocks_.size() / 16);
   // Ties go by index, so that the same run evicts the same blocks everywhere.
   const auto farther = [](const Candidate& a, const Candidate& b) {
@@ -198,11 +189,27 @@ int BlockTable::evict_one_farther_than(std::int64_t distance2) {
   if (!picked_candidates_) pick_candidates();
   if (next_candidate_ == candidate_count_ || candidates_[next_candidate_].distance2 <= distance2)
     return kNone;
-  const int index = candidates_[next_candidate_++].index;
+  const int index = candidates_[next_candidate_].index;
+  const std::optional<Pose> motion =
+      block(index).state == BlockState::Old ? std::optional(T_new_old(index)) : std::nullopt;
+  if (!give_away(block(index), voxels(index), motion)) return kNone;
+  ++next_candidate_;
   unlist(index);
   occupied_voxels_ -= block(index).occupied;
   ++evicted_;
   return index;
+}
+
+bool BlockTable::give_away(const Block& block, std::span<const Voxel, kBlockVoxels> voxels,
+                           const std::optional<Pose>& T_new_old) {
+  const auto known = [](const Voxel& v) { return v.log_odds != 0; };
+  if (evicted_blocks_ == nullptr || std::ranges::none_of(voxels, known)) return true;
+  const auto evicted = [&] {
+    EvictedBlock made{{block, {}}, T_new_old, epoch_};
+    std::ranges::copy(voxels, made.copy.voxels.begin());
+    return made;
+  };
+  return evicted_blocks_->blocks.try_push(evicted());
 }
 
 void BlockTable::unlist(int index) {

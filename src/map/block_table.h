@@ -7,6 +7,7 @@
 #include <span>
 
 #include "core/arena.h"
+#include "map/evicted_blocks.h"
 #include "map/free_space.h"
 #include "map/voxel.h"
 
@@ -20,7 +21,8 @@ namespace stillmap {
 /// blocks, and the frame's new blocks use these up in turn: an insertion never pays for a scan, and the
 /// choice is exact where a probe of a few blocks would now and then hit one in view. A block only gives way
 /// to a nearer one, else the new one is refused: a view that does not fit keeps its near part, without
-/// thrashing.
+/// thrashing. Where evicted blocks are kept, one with anything in it gives way only when there is room for it
+/// on the way there.
 ///
 /// Other threads may ask `published`: two bits a voxel beside the voxels, which the map's thread stores
 /// atomically, and a hash that is read under a sequence count.
@@ -28,8 +30,10 @@ class BlockTable {
  public:
   static constexpr int kNone = -1;
 
-  /// `free_space` is told of new blocks, and must outlive the table; null: there is none.
-  BlockTable(Arena& arena, std::size_t blocks, FreeSpace* free_space = nullptr);
+  /// `free_space` is told of new blocks, `evicted` gets those that give way; both must outlive the table.
+  /// Null: there is none.
+  BlockTable(Arena& arena, std::size_t blocks, FreeSpace* free_space = nullptr,
+             EvictedBlocks* evicted = nullptr);
 
   /// To be called before the first `find_or_add` of a frame. `camera` is the camera's place in whole blocks.
   void begin_frame(BlockCoordinates camera);
@@ -56,8 +60,16 @@ class BlockTable {
   /// Blocks made from now on are of this epoch.
   void begin_epoch(std::uint32_t epoch) { epoch_ = epoch; }
   void make_old(int index) { blocks_[static_cast<std::size_t>(index)].state = BlockState::Old; }
+  /// Of an old block: from where it is to where it belongs, m.
+  Pose& T_new_old(int index) { return T_new_old_[static_cast<std::size_t>(index)]; }
   /// Makes a block empty and its index free.
   void release(int index);
+  /// Whether blocks that gave way are still on the way to where they are kept.
+  bool evicted_wait() const { return evicted_blocks_ != nullptr && evicted_blocks_->blocks.size() > 0; }
+  /// Hands a block to where evicted ones are kept. False, counted there, without room on the way; true where
+  /// none are kept, or nothing is known of it.
+  bool give_away(const Block& block, std::span<const Voxel, kBlockVoxels> voxels,
+                 const std::optional<Pose>& T_new_old);
 
   /// Tells `published` of all voxels of a block, or of one.
   void publish(int index);
@@ -108,14 +120,15 @@ class BlockTable {
   void unlist(int index);
   /// An index for a new block at this distance, or kNone.
   int take_index(std::int64_t distance2);
-  std::int64_t distance2_to_camera(BlockCoordinates at) const;
   void pick_candidates();
   /// The index of the block that gave way, or kNone.
   int evict_one_farther_than(std::int64_t distance2);
 
   FreeSpace* free_space_;
+  EvictedBlocks* evicted_blocks_;
   std::span<Block> blocks_;
   std::span<Voxel> voxels_;
+  std::span<Pose> T_new_old_;                    // by index, of those that are old
   std::span<int> slots_;                         // index + 1 of a block, 0 = empty; a power of two
   std::span<Candidate> candidates_;              // of this frame, farthest first
   std::span<int> free_;                          // indices of empty blocks

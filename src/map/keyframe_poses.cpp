@@ -22,7 +22,7 @@ double displacement_m(const Pose& T_new_old, const Pose& T_old_camera) {
 
 KeyframePoses::KeyframePoses(Arena& arena)
     : entries_(arena.take<Entry>("map_keyframe_poses", kKept)),
-      motions_(arena.take<Motion>("map_keyframe_motions", Correction::kMaxKeyframes)) {}
+      motions_(arena.take<KeyframeMotions>("map_keyframe_motions", 1)) {}
 
 void KeyframePoses::learn(std::uint32_t id, const Pose& T_map_keyframe) {
   Entry& entry = entries_[id % kKept];
@@ -35,8 +35,10 @@ const Pose* KeyframePoses::find(std::uint32_t id) const {
 }
 
 bool KeyframePoses::correct(const Correction& correction, double tolerance_m) {
-  motions_.clear();
-  segment_begin_ = correction.segment_begin;
+  KeyframeMotions& motions = motions_.front();
+  motions.keyframes.clear();
+  motions.epoch = correction.epoch;
+  motions.segment_begin = correction.segment_begin;
   bool any = false;
   for (const Correction::KeyframePose& keyframe : correction.keyframes) {
     const Pose* before = find(keyframe.id);
@@ -45,13 +47,13 @@ bool KeyframePoses::correct(const Correction& correction, double tolerance_m) {
     T_new_old.R = orthonormalized(T_new_old.R);
     const bool moved = displacement_m(T_new_old, *before) > tolerance_m;
     any |= moved;
-    static_cast<void>(motions_.try_push_back({keyframe.id, moved, moved ? T_new_old : Pose{}}));
+    static_cast<void>(motions.keyframes.try_push_back({keyframe.id, moved, moved ? T_new_old : Pose{}}));
   }
   if (!any) {
-    motions_.clear();
+    motions.keyframes.clear();
     return false;
   }
-  std::ranges::sort(motions_, {}, &Motion::id);
+  std::ranges::sort(motions.keyframes, {}, &KeyframeMotions::Motion::id);
   for (Entry& entry : entries_) {
     if (!entry.known) continue;
     if (const std::optional<Pose> motion = motion_of(entry.id))
@@ -60,13 +62,13 @@ bool KeyframePoses::correct(const Correction& correction, double tolerance_m) {
   return true;
 }
 
-std::optional<Pose> KeyframePoses::motion_of(std::uint32_t id) const {
-  if (motions_.empty()) return std::nullopt;
+std::optional<Pose> KeyframeMotions::motion_of(std::uint32_t id) const {
+  if (keyframes.empty()) return std::nullopt;
   // How a segment lay to the one before was unknown: between the two, nothing moves by halves.
-  const Motion* seam = std::ranges::lower_bound(motions_, segment_begin_, {}, &Motion::id);
-  const Motion *begin = motions_.begin(), *end = motions_.end();
-  if (id < segment_begin_ && seam != begin) end = seam;
-  if (id >= segment_begin_ && seam != end) begin = seam;
+  const Motion* seam = std::ranges::lower_bound(keyframes, segment_begin, {}, &Motion::id);
+  const Motion *begin = keyframes.begin(), *end = keyframes.end();
+  if (id < segment_begin && seam != begin) end = seam;
+  if (id >= segment_begin && seam != end) begin = seam;
   const Motion* after = std::ranges::lower_bound(begin, end, id, {}, &Motion::id);
   if (after == end) --after;
   const Motion* before = after == begin || after->id <= id ? after : after - 1;

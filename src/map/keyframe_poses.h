@@ -10,6 +10,21 @@
 
 namespace stillmap {
 
+/// How a correction moves what hangs on keyframes.
+struct KeyframeMotions {
+  struct Motion {
+    std::uint32_t id = 0;
+    bool moved = false;
+    Pose T_new_old;
+  };
+  /// T_new_old of what hangs on keyframe `id`; nothing where it stays. A keyframe that the correction does
+  /// not name moves between its neighbours in time of the same segment.
+  std::optional<Pose> motion_of(std::uint32_t id) const;
+
+  std::uint32_t epoch = 0, segment_begin = 0;
+  FixedVector<Motion, Correction::kMaxKeyframes> keyframes;  ///< ascending ids
+};
+
 /// Where the map has its keyframes, and how a correction moves what hangs on them. Of the newest kKept
 /// keyframes; what hangs on an older one moves as the oldest known does. One thread; no heap after
 /// construction.
@@ -26,9 +41,9 @@ class KeyframePoses {
   /// Takes a correction over. False, and nothing moved, where no keyframe went farther than `tolerance_m`;
   /// such small steps add up until they count.
   bool correct(const Correction& correction, double tolerance_m);
-  /// T_new_old of what hangs on keyframe `id`, after the newest correction; nothing where it stays. A
-  /// keyframe that the correction does not name moves between its neighbours in time of the same segment.
-  std::optional<Pose> motion_of(std::uint32_t id) const;
+  /// Of the newest correction.
+  const KeyframeMotions& motions() const { return motions_.front(); }
+  std::optional<Pose> motion_of(std::uint32_t id) const { return motions().motion_of(id); }
 
  private:
   struct Entry {
@@ -36,14 +51,8 @@ class KeyframePoses {
     std::uint32_t id = 0;
     Pose T_map_keyframe;
   };
-  struct Motion {
-    std::uint32_t id = 0;
-    bool moved = false;
-    Pose T_new_old;
-  };
-  std::span<Entry> entries_;     // by id modulo size
-  ArenaVector<Motion> motions_;  // of the newest correction, ascending ids
-  std::uint32_t segment_begin_ = 0;
+  std::span<Entry> entries_;            // by id modulo size
+  std::span<KeyframeMotions> motions_;  // one
 };
 
 }  // namespace stillmap

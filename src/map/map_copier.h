@@ -1,18 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <array>
-
 #include "core/arena.h"
 #include "core/copy_pass.h"
 #include "map/block_table.h"
 
 namespace stillmap {
-
-struct CopiedBlock {
-  Block block;
-  std::array<Voxel, kBlockVoxels> voxels;
-};
 
 /// Hands the map's blocks to another thread while it goes on being fused, a few hundred at a time. Each block
 /// is whole; blocks of one pass may be some frames apart, one that was moved meanwhile may come twice or not

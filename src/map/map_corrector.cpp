@@ -5,6 +5,8 @@
 #include <array>
 #include <cmath>
 
+#include "map/landing.h"
+
 namespace stillmap {
 
 namespace {
@@ -15,30 +17,6 @@ constexpr int kLooksOfACopy = 2;
 constexpr double kTolerance = 0.5;
 /// The share of a block's surface that copies must show for it to be made anew from them.
 constexpr double kShown = 1.0 / 3;
-
-/// Calls `visit(place in the block, where it lands)` for each voxel of the grid whose centre the motion
-/// brings from within the block: no gaps, however it is turned. The motion is in voxels.
-template <class Visitor>
-void for_each_landing(BlockCoordinates at, const Pose& T_new_old, Visitor&& visit) {
-  const Vec3 begin{8.0 * at.x, 8.0 * at.y, 8.0 * at.z};
-  const Vec3 middle = T_new_old * (begin + Vec3{4, 4, 4});
-  const Pose T_old_new = inverse(T_new_old);
-  const auto reach = [&](int axis) {
-    const Mat3& R = T_new_old.R;
-    return 4 * (std::abs(R(axis, 0)) + std::abs(R(axis, 1)) + std::abs(R(axis, 2)));
-  };
-  const Vec3 to_corner{reach(0), reach(1), reach(2)};
-  const VoxelCoordinates first = voxel_at(middle - to_corner), last = voxel_at(middle + to_corner);
-  for (std::int32_t z = first.z; z <= last.z; ++z) {
-    for (std::int32_t y = first.y; y <= last.y; ++y) {
-      for (std::int32_t x = first.x; x <= last.x; ++x) {
-        const VoxelCoordinates from = voxel_at(T_old_new * Vec3{x + 0.5, y + 0.5, z + 0.5} - begin);
-        const bool inside = ((from.x | from.y | from.z) & ~7) == 0;
-        if (inside) visit(place_in_block(from), VoxelCoordinates{x, y, z});
-      }
-    }
-  }
-}
 
 }  // namespace
 
@@ -53,8 +31,6 @@ MapCorrector::MapCorrector(Arena& arena, const Config::Map& config, const Camera
       fuser_(copies_.camera(), rays_, nullptr, config.voxel_m, arena.planning(), kLooksOfACopy),
       z_m_(arena.take<float>("map_keyframe_depth", static_cast<std::size_t>(copies_.camera().width) *
                                                        static_cast<std::size_t>(copies_.camera().height))),
-      T_new_old_(arena.take<Pose>("map_block_motions",
-                                  static_cast<std::size_t>(config.capacity_voxels / kBlockVoxels))),
       shown_m2_(arena.take<float>("map_block_shown",
                                   static_cast<std::size_t>(config.capacity_voxels / kBlockVoxels))) {}
 
@@ -104,7 +80,7 @@ void MapCorrector::make_old_what_moves() {
     const Block& block = table_.block(i);
     // Neighbours in memory mostly hang on the same keyframe.
     if (block.anchor_keyframe != keyframe) motion = poses_.motion_of(keyframe = block.anchor_keyframe);
-    Pose& T_new_old = T_new_old_[static_cast<std::size_t>(i)];
+    Pose& T_new_old = table_.T_new_old(i);
     if (block.state == BlockState::Current) {
       T_new_old = motion.value_or(Pose{});
       shown_m2_[static_cast<std::size_t>(i)] = 0;
@@ -129,6 +105,7 @@ void MapCorrector::step(std::uint16_t frame_mark) {
 }
 
 void MapCorrector::work(std::uint16_t frame_mark) {
+  if (table_.evicted_wait()) return;  // what a slice makes give way has room then
   const std::span<const KeyframeCopies::Copy> copies = copies_.copies();
   table_.begin_frame(camera_at_);
   switch (phase_) {
@@ -234,13 +211,15 @@ void MapCorrector::move_block(int index) {
       static_cast<double>(shown_m2_[static_cast<std::size_t>(index)]) > kShown * surface_m2;
   std::array<Voxel, kBlockVoxels> voxels;
   std::ranges::copy(table_.voxels(index), voxels.begin());
-  Pose T_new_old = T_new_old_[static_cast<std::size_t>(index)];  // to voxels
-  T_new_old.t = 1 / voxel_m_ * T_new_old.t;
+  const Pose T_new_old = table_.T_new_old(index);
+  bool refused = false;
   table_.release(index);  // first: what it becomes needs room
   if (made_anew) return;
-  for_each_landing(block.at, T_new_old, [&](std::size_t from, VoxelCoordinates to) {
+  const Pose to_voxels{T_new_old.R, 1 / voxel_m_ * T_new_old.t};
+  for_each_landing(block.at, to_voxels, [&](std::size_t from, VoxelCoordinates to) {
     if (voxels[from].log_odds == 0) return;
     const int there = table_.find_or_add(block_of(to), block.anchor_keyframe);
+    refused |= there == BlockTable::kNone;
     if (there == BlockTable::kNone) return;
     Voxel& voxel = table_.voxels(there)[place_in_block(to)];
     if (voxel.log_odds != 0) return;
@@ -250,6 +229,7 @@ void MapCorrector::move_block(int index) {
     if (voxel.occupied())
       table_.note_fused(there, block.fused_sequence, true, table_.block(there).occupied + 1);
   });
+  if (refused) static_cast<void>(table_.give_away(block, voxels, T_new_old));
 }
 
 }  // namespace stillmap

@@ -51,6 +51,8 @@ class MapCorrector {
   std::uint32_t epoch() const { return epoch_; }
   /// The epoch of the newest correction that all blocks follow.
   std::uint32_t settled_epoch() const { return settled_epoch_; }
+  /// How the newest correction moves what hangs on keyframes.
+  const KeyframeMotions& motions() const { return poses_.motions(); }
   /// Where the map has a keyframe in this epoch; null where it does not know it.
   const Pose* keyframe(std::uint32_t id) const { return poses_.find(id); }
 
@@ -82,10 +84,8 @@ class MapCorrector {
   KeyframeCopies copies_;
   RayTable rays_;  // of the copies' camera
   BlockFuser fuser_;
-  std::span<float> z_m_;  // of the copy at work
-  // By block index, of those that are old: their motion, and the area that copies show in them.
-  std::span<Pose> T_new_old_;
-  std::span<float> shown_m2_;
+  std::span<float> z_m_;        // of the copy at work
+  std::span<float> shown_m2_;   // by block index: the area that copies show of those that are old
   BlockCoordinates camera_at_;  // of the newest frame
   std::uint64_t sequence_ = 0;  // of the newest frame
   std::uint32_t epoch_ = 0, settled_epoch_ = 0;

@@ -80,12 +80,20 @@ bool is_in_reach(const BlockHead& head) {
 }
 
 void put_block(const char* from, const BlockHead& head, BlockTable& table) {
-  const int index = table.find_or_add({head.x, head.y, head.z}, head.anchor_keyframe);
+  const BlockCoordinates at{head.x, head.y, head.z};
+  std::array<Voxel, kBlockVoxels> read;
+  std::memcpy(read.data(), from + sizeof(head), kVoxelBytes);
+  int index = table.find(at);
+  const bool twice = index != BlockTable::kNone;
+  if (!twice) index = table.find_or_add(at, head.anchor_keyframe);
   const std::span<Voxel, kBlockVoxels> voxels = table.voxels(index);
-  std::memcpy(voxels.data(), from + sizeof(head), kVoxelBytes);
-  const auto occupied = std::ranges::count_if(voxels, [](const Voxel& v) { return v.occupied(); });
-  table.note_fused(index, head.changed_sequence, true, static_cast<int>(occupied));
-  table.note_fused(index, head.fused_sequence, false, static_cast<int>(occupied));
+  const bool newer = !twice || head.fused_sequence > table.block(index).fused_sequence;
+  if (twice) newer ? fill_in(read, voxels) : fill_in(voxels, read);
+  if (newer) std::ranges::copy(read, voxels.begin());
+  const auto occupied =
+      static_cast<int>(std::ranges::count_if(voxels, [](const Voxel& v) { return v.occupied(); }));
+  if (newer) table.note_fused(index, head.changed_sequence, true, occupied);
+  table.note_fused(index, std::max(head.fused_sequence, table.block(index).fused_sequence), false, occupied);
 }
 
 }  // namespace

@@ -27,14 +27,14 @@ struct MapFacts {
 std::uint64_t calibration_hash(const CameraModel& camera);
 
 /// Writes a .stillmap file block by block. Flat and little endian:
-///   header  "stillmap", u32 version (2), u32 bytes of a block, f64 voxel_m, u64 calibration hash, u64 1
-///   where
-///           z is up
+///   header  "stillmap", u32 version (3), u32 bytes of a block, f64 voxel_m, u64 calibration hash, u64 1
+///           where z is up
 ///   blocks  i32 x, y, z (whole blocks), u32 anchor keyframe, u64 and u64 sequence of the last fusion and
 ///           change, then 512 voxels of 8 bytes as `Voxel` has them, x fastest
 ///   keyframes  bytes that the tracker wrote, see docs/map.md
 ///   footer  u64 blocks, u64 bytes of keyframes, u64 FNV-1a over all before
-/// A block that comes twice counts as it came last. Whole or not at all (WholeFile). Any one thread.
+/// Of a block that comes twice, the one that was fused last counts, and the other fills in what it does not
+/// know. Whole or not at all (WholeFile). Any one thread.
 class MapFileWriter {
  public:
   MapFileWriter(const std::string& path, const MapFacts& facts,

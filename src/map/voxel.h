@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <span>
 
 #include "core/geometry.h"
 #include "core/image.h"
@@ -45,6 +47,20 @@ struct BlockCoordinates {
   std::int32_t x = 0, y = 0, z = 0;
   bool operator==(const BlockCoordinates&) const = default;
 };
+
+/// The squared distance between two blocks, in blocks.
+constexpr std::int64_t distance2(BlockCoordinates a, BlockCoordinates b) {
+  const std::int64_t x = std::int64_t{a.x} - b.x, y = std::int64_t{a.y} - b.y, z = std::int64_t{a.z} - b.z;
+  return x * x + y * y + z * z;
+}
+
+/// Each axis is multiplied by an odd number of its own; the high bits, which every input bit reaches, choose.
+constexpr std::uint32_t hash_of(BlockCoordinates at) {
+  const std::uint64_t mixed = static_cast<std::uint32_t>(at.x) * 0x9e3779b97f4a7c15u ^
+                              static_cast<std::uint32_t>(at.y) * 0xc2b2ae3d27d4eb4fu ^
+                              static_cast<std::uint32_t>(at.z) * 0x165667b19e3779f9u;
+  return static_cast<std::uint32_t>((mixed ^ mixed >> 32) * 0x9e3779b97f4a7c15u >> 32);
+}
 
 /// A voxel's place in the map frame, in whole voxels.
 struct VoxelCoordinates {
@@ -88,5 +104,18 @@ struct Block {
   std::uint16_t occupied = 0;    ///< occupied voxels
   BlockState state = BlockState::Current;
 };
+
+/// A block on its own.
+struct CopiedBlock {
+  Block block;
+  std::array<Voxel, kBlockVoxels> voxels;
+};
+
+/// What one look at a block does not know, another, older one fills in.
+inline void fill_in(std::span<Voxel, kBlockVoxels> voxels, std::span<const Voxel, kBlockVoxels> older) {
+  for (std::size_t v = 0; v < kBlockVoxels; ++v) {
+    if (voxels[v].occupancy() == Occupancy::Unknown && older[v].log_odds != 0) voxels[v] = older[v];
+  }
+}
 
 }  // namespace stillmap

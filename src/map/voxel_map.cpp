@@ -28,12 +28,14 @@ bool covers(const DynamicMask& mask, int width, int height) {
 
 }  // namespace
 
-VoxelMap::VoxelMap(Arena& arena, const Config::Map& config, const CameraModel& camera, const RayTable& rays)
+VoxelMap::VoxelMap(Arena& arena, const Config::Map& config, const CameraModel& camera, const RayTable& rays,
+                   EvictedBlocks* evicted)
     : config_(config),
       camera_(camera),
       rays_(rays),
+      evicted_(evicted),
       free_space_(arena, camera, rays, config.voxel_m, config.max_range_m),
-      table_(arena, static_cast<std::size_t>(config.capacity_voxels / kBlockVoxels), &free_space_),
+      table_(arena, static_cast<std::size_t>(config.capacity_voxels / kBlockVoxels), &free_space_, evicted),
       measured_(arena, camera, config.max_range_m),
       trail_(arena, camera, rays),
       fuser_(camera, rays, &trail_, config.voxel_m, arena.planning()),
@@ -65,8 +67,13 @@ FuseOutcome VoxelMap::fuse(const FuseInput& input) {
 }
 
 void VoxelMap::correct(const Correction& correction) {
-  // Bits do not move: the air is seen anew.
-  if (corrector_.correct(correction)) free_space_.clear();
+  if (!corrector_.correct(correction)) return;
+  free_space_.clear();  // bits do not move: the air is seen anew
+  if (evicted_ == nullptr) return;
+  KeyframeMotions* room = evicted_->motions.room();
+  STILLMAP_CHECK(room != nullptr);
+  *room = corrector_.motions();
+  evicted_->motions.post();
 }
 
 std::uint16_t VoxelMap::next_mark() {
@@ -74,20 +81,27 @@ std::uint16_t VoxelMap::next_mark() {
   return static_cast<std::uint16_t>(1 + marks_++ % 65535);
 }
 
-bool VoxelMap::load(const BlockTable& blocks) {
-  if (blocks.blocks_used() > table_.usage().capacity) return false;
+std::vector<int> VoxelMap::load(const BlockTable& blocks, Vec3 around_m) {
+  const BlockCoordinates around = block_of(voxel_at(1 / config_.voxel_m * around_m));
+  std::vector<int> nearest;
   for (int i = 0; i < blocks.size(); ++i) {
-    if (!blocks.found(i)) continue;
+    if (blocks.found(i)) nearest.push_back(i);
+  }
+  const std::size_t fit = std::min<std::size_t>(nearest.size(), table_.usage().capacity);
+  if (fit < nearest.size())
+    std::ranges::stable_sort(nearest, {}, [&](int i) { return distance2(blocks.block(i).at, around); });
+  for (const int i : std::span(nearest).first(fit)) {
     const Block& from = blocks.block(i);
     const int index = table_.find_or_add(from.at, from.anchor_keyframe);
     std::ranges::transform(blocks.voxels(i), table_.voxels(index).begin(), [](Voxel voxel) {
       voxel.last_hit = 0;  // no frame of this run
       return voxel;
     });
-    table_.note_fused(index, from.fused_sequence, true, from.occupied);
+    table_.note_fused(index, 0, true, from.occupied);
     table_.publish(index);
   }
-  return true;
+  nearest.erase(nearest.begin(), nearest.begin() + static_cast<std::ptrdiff_t>(fit));
+  return nearest;
 }
 
 FuseOutcome VoxelMap::check(const FuseInput& input) const {

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <span>
+#include <vector>
 
 #include "core/arena.h"
 #include "core/camera.h"
@@ -52,19 +53,23 @@ class VoxelMap {
   /// configuration takes.
   static constexpr double kMaxDistance_m = 1e6;
 
-  /// `rays` must be of this camera and outlive the map.
-  VoxelMap(Arena& arena, const Config::Map& config, const CameraModel& camera, const RayTable& rays);
+  /// `rays` must be of this camera and outlive the map, and so must `evicted`, which gets the blocks that
+  /// give way; null: they are lost.
+  VoxelMap(Arena& arena, const Config::Map& config, const CameraModel& camera, const RayTable& rays,
+           EvictedBlocks* evicted = nullptr);
 
   FuseOutcome fuse(const FuseInput& input);
-  /// Takes over another map's blocks, before the first frame. False, and nothing is taken, where there is too
-  /// little room.
-  bool load(const BlockTable& blocks);
+  /// Takes over another map's blocks, before the first frame: those nearest to a place of the map frame, m,
+  /// where not all have room. Gives the indices of the rest; uses the heap.
+  std::vector<int> load(const BlockTable& blocks, Vec3 around_m = {});
   /// Where a keyframe is that loaded blocks may hang on.
   void learn_keyframe(std::uint32_t id, const Pose& T_map_keyframe) { corrector_.learn(id, T_map_keyframe); }
 
   /// Takes a correction over; `continue_correction` then does the work, a slice of about 1 ms at a time, as
   /// long as `correcting`. See MapCorrector.
   void correct(const Correction& correction);
+  /// False while where evicted blocks are kept has yet to follow the correction before.
+  bool can_correct() const { return evicted_ == nullptr || evicted_->motions.room() != nullptr; }
   bool correcting() const { return corrector_.busy(); }
   void continue_correction() {
     if (correcting()) corrector_.step(next_mark());
@@ -103,6 +108,7 @@ class VoxelMap {
   Config::Map config_;
   CameraModel camera_;
   const RayTable& rays_;
+  EvictedBlocks* evicted_;
   FreeSpace free_space_;
   BlockTable table_;
   MeasuredDepth measured_;

@@ -12,14 +12,16 @@ MapFacts map_facts(const Config& config) {
   return {config.map.voxel_m, calibration_hash(config.camera), config.mount.T_base_camera.has_value()};
 }
 
-Checkpoint::Checkpoint(const Config& config, std::string path, MapCopier& blocks, KeyframeCopier& keyframes)
+Checkpoint::Checkpoint(const Config& config, std::string path, MapStage& map, KeyframeCopier& keyframes)
     : path_(std::move(path)),
       facts_(map_facts(config)),
       every_ns_(is_map_file(path_) ? static_cast<Nanoseconds>(config.map.checkpoint_s * 1e9) : 0),
-      blocks_(blocks),
+      blocks_(map.copier()),
+      kept_(map.kept()),
       keyframes_(keyframes) {}
 
 void Checkpoint::tick(Nanoseconds now) {
+  keep_evicted();
   if (every_ns_ == 0) return;
   if (last_ns_ == 0) last_ns_ = now;
   if (writer_) {
@@ -32,13 +34,23 @@ void Checkpoint::tick(Nanoseconds now) {
   }
 }
 
+void Checkpoint::keep_evicted() {
+  kept_.take_all();
+  if (kept_.status().ok() || loss_said_) return;
+  loss_said_ = true;
+  spdlog::warn("{}", kept_.status().error().message);
+}
+
 void Checkpoint::write_ready() {
   if (!blocks_done_) {
     const MapCopier::Part part = blocks_.ready();
     for (const CopiedBlock& copy : part.items) writer_->append(copy.block, copy.voxels);
     blocks_done_ = part.last;
     blocks_.next();
-    if (blocks_done_) keyframes_.begin();
+    if (!blocks_done_) return;
+    kept_.take_all();  // with what gave way before its turn to be copied
+    kept_.append_to(*writer_);
+    keyframes_.begin();
     return;
   }
   const KeyframeCopier::Part part = keyframes_.ready();

@@ -5,8 +5,8 @@
 #include <string>
 
 #include "core/config.h"
-#include "map/map_copier.h"
 #include "map/map_file.h"
+#include "runtime/map_stage.h"
 #include "track/keyframe_copier.h"
 
 namespace stillmap {
@@ -17,23 +17,25 @@ inline bool is_map_file(const std::string& path) {
 }
 MapFacts map_facts(const Config& config);
 
-/// Writes the map to its file every `map.checkpoint_s` while the run goes on, from the blocks and then the
-/// keyframes that copiers hand over. The health thread's; uses the heap.
+/// Keeps evicted blocks, and writes the map to its file every `map.checkpoint_s` while the run goes on, from
+/// the blocks and then the keyframes that copiers hand over. The health thread's; uses the heap.
 class Checkpoint {
  public:
-  /// Does nothing where `path` is no .stillmap file or the key is 0.
-  Checkpoint(const Config& config, std::string path, MapCopier& blocks, KeyframeCopier& keyframes);
+  /// Writes nothing where `path` is no .stillmap file or the key is 0.
+  Checkpoint(const Config& config, std::string path, MapStage& map, KeyframeCopier& keyframes);
   void tick(Nanoseconds now);
 
  private:
+  void keep_evicted();
   void write_ready();
 
   std::string path_;
   MapFacts facts_;
   Nanoseconds every_ns_;
   MapCopier& blocks_;
+  KeptBlocks& kept_;
   KeyframeCopier& keyframes_;
-  bool blocks_done_ = false;
+  bool blocks_done_ = false, loss_said_ = false;
   Nanoseconds last_ns_ = 0;
   std::optional<MapFileWriter> writer_;
 };

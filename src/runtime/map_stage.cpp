@@ -1,26 +1,38 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/map_stage.h"
 
+#include <algorithm>
+
 #include "map/cloud.h"
 #include "runtime/capture.h"
 #include "segment/segment.h"
 
 namespace stillmap {
 
-MapStage::MapStage(Arena& arena, const Config& config, const RayTable& rays, bool has_detector)
+MapStage::MapStage(Arena& arena, const Config& config, const RayTable& rays, bool has_detector,
+                   std::size_t kept_blocks)
     : config_(config),
-      map_(arena, config.map, config.camera, rays),
+      kept_(arena, kept_blocks, config.map.voxel_m),
+      map_(arena, config.map, config.camera, rays, kept_.lane()),
       copier_(arena),
       corrections_(arena.take<Mailbox<Correction>>("correction", 1)),
       has_detector_(has_detector),
       sightings_(arena, config.camera, config.detector.confirm_score) {}
 
 bool MapStage::resume(const BlockTable& blocks, std::span<const Keyframe> keyframes) {
-  if (!map_.load(blocks)) return false;
+  const Keyframe* newest = nullptr;
   for (const Keyframe& keyframe : keyframes) {
-    if (keyframe.alive) map_.learn_keyframe(keyframe.id, keyframe.T_odom_camera);
+    if (!keyframe.alive) continue;
+    map_.learn_keyframe(keyframe.id, keyframe.T_odom_camera);
+    if (newest == nullptr || keyframe.id > newest->id) newest = &keyframe;
   }
-  return true;
+  for (const int index : map_.load(blocks, newest == nullptr ? Vec3{} : newest->T_odom_camera.t)) {
+    CopiedBlock block{blocks.block(index), {}};
+    block.block.fused_sequence = block.block.changed_sequence = 0;  // before this run
+    std::ranges::copy(blocks.voxels(index), block.voxels.begin());
+    kept_.keep(block);
+  }
+  return kept_.usage().refused == 0;
 }
 
 bool MapStage::due(std::uint64_t sequence) const {
@@ -30,7 +42,7 @@ bool MapStage::due(std::uint64_t sequence) const {
 
 void MapStage::take_correction(std::uint32_t epoch) {
   const Correction* correction = corrections().waiting();
-  if (correction == nullptr || correction->epoch > epoch) return;
+  if (correction == nullptr || correction->epoch > epoch || !map_.can_correct()) return;
   map_.correct(*correction);
   corrections().taken();
 }

@@ -5,6 +5,7 @@
 
 #include "core/correction.h"
 #include "core/mailbox.h"
+#include "map/kept_blocks.h"
 #include "map/map_copier.h"
 #include "map/mover_sightings.h"
 #include "map/voxel_map.h"
@@ -30,10 +31,13 @@ struct FuseCounts {
 /// none, frames are fused with the tracker's mask. Knows no threads.
 class MapStage {
  public:
-  MapStage(Arena& arena, const Config& config, const RayTable& rays, bool has_detector);
+  /// `kept_blocks`: how many evicted blocks are kept for the map file.
+  MapStage(Arena& arena, const Config& config, const RayTable& rays, bool has_detector,
+           std::size_t kept_blocks = 0);
 
-  /// Before the first frame: takes over a map's blocks, and where the keyframes are that they hang on. False
-  /// where there is too little room.
+  /// Before the first frame: takes over a map's blocks, and where the keyframes are that they hang on. Where
+  /// the table has too little room, it has those around the newest keyframe, and the others are kept as
+  /// evicted ones are. False where there is too little room for that, too.
   bool resume(const BlockTable& blocks, std::span<const Keyframe> keyframes);
 
   /// The tracker's thread posts a correction here before the first posed frame of its epoch: the map takes it
@@ -52,13 +56,16 @@ class MapStage {
   /// Copies a bounded number of blocks for a checkpoint that waits for them.
   void serve_checkpoint() { copier_.serve(map_.blocks()); }
 
-  /// All that a correction has left to do, some hundred ms at most.
+  /// All that a correction has left to do, some hundred ms at most; when the map's thread has ended.
   void finish_correction() {
-    while (map_.correcting()) map_.continue_correction();
+    for (kept_.take_all(); map_.correcting(); kept_.take_all()) map_.continue_correction();
   }
 
   const VoxelMap& map() const { return map_; }
   MapCopier& copier() { return copier_; }
+  /// Evicted blocks; the health thread's.
+  KeptBlocks& kept() { return kept_; }
+  const KeptBlocks& kept() const { return kept_; }
   /// The newest frame's stamp; 0 before the first.
   Nanoseconds newest_ns() const { return newest_ns_; }
   const FuseCounts& counts() const { return counts_; }
@@ -85,6 +92,7 @@ class MapStage {
   bool due(std::uint64_t sequence) const;
 
   Config config_;
+  KeptBlocks kept_;
   VoxelMap map_;
   MapCopier copier_;
   std::span<Mailbox<Correction>> corrections_;  // one

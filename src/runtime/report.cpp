@@ -94,11 +94,17 @@ Json record_part(const RunCounters& c) {
 Json map_part(const RunContext& context) {
   const VoxelMap& map = context.stages.map.map();
   const FuseCounts& fused = context.stages.map.counts();
-  const PoolUsage blocks = map.usage();
-  return {{"voxels", map.occupied_voxels()},    {"blocks_used", map.blocks().blocks_used()},
-          {"blocks_capacity", blocks.capacity}, {"blocks_evicted", map.blocks_evicted()},
-          {"voxel_m", map.voxel_m()},           {"point_reduction", rounded(map.point_reduction(), 3)},
-          {"frames_fused", map.fused_frames()}, {"frames_fused_with_own_boxes", fused.own_boxes}};
+  const PoolUsage blocks = map.usage(), kept = context.stages.map.kept().usage();
+  return {{"voxels", map.occupied_voxels()},
+          {"blocks_used", map.blocks().blocks_used()},
+          {"blocks_capacity", blocks.capacity},
+          {"blocks_evicted", map.blocks_evicted()},
+          {"blocks_kept", kept.high_water},
+          {"blocks_lost", kept.capacity == 0 ? map.blocks_evicted() : kept.refused},
+          {"voxel_m", map.voxel_m()},
+          {"point_reduction", rounded(map.point_reduction(), 3)},
+          {"frames_fused", map.fused_frames()},
+          {"frames_fused_with_own_boxes", fused.own_boxes}};
 }
 
 /// What a camera's frames cost until they are in their slots.

@@ -90,6 +90,11 @@ RunMode mode_of(const RunOptions& o, bool is_log) {
   return o.mode.value_or(is_log ? RunMode::Realtime : RunMode::Live);
 }
 
+/// Only a map file has room for what the table has not.
+std::size_t kept_blocks(const RunOptions& o, const Config& config) {
+  return is_map_file(o.map) ? static_cast<std::size_t>(config.map.kept_blocks) : 0;
+}
+
 Stages::Parts parts_of(const RunOptions& o, const Config& config, bool detector, bool is_log,
                        std::size_t log_frames) {
   return {.detector = detector,
@@ -98,6 +103,7 @@ Stages::Parts parts_of(const RunOptions& o, const Config& config, bool detector,
           .lockstep_delay = mode_of(o, is_log) == RunMode::Lockstep ? o.detector.delay : 0,
           .recorder_frames = o.record.empty() ? 0 : RecordLane::frames_held(config.record.buffer_frames),
           .trajectory_poses = poses_to_keep(o, config, log_frames),
+          .kept_blocks = kept_blocks(o, config),
           .final_trajectory = !o.trajectory_final.empty(),
           .groundtruth = !o.groundtruth.empty()};
 }
@@ -123,6 +129,7 @@ std::vector<StampedPose> final_poses(const RunContext& context) {
 Status write_map(const RunContext& context, Nanoseconds timeout_ns) {
   MapFileWriter file(context.options.map, map_facts(context.config), timeout_ns);
   append_blocks(context.stages.map.map().blocks(), file);
+  context.stages.map.kept().append_to(file);
   const TrackStage& track = context.stages.track;
   std::vector<std::byte> bytes(KeyframeWriter::kLargestRecord);
   for (KeyframeWriter keyframes; !keyframes.done(track.tracker().local_map());) {
@@ -149,10 +156,11 @@ Result<MapFile> read_resumed(const RunOptions& o, const Config& config) {
   if (its.z_is_up != own.z_is_up)
     return wrong(its.z_is_up ? "was mapped with camera.T_base_camera set; set it as it was"
                              : "was mapped without camera.T_base_camera; leave it out");
-  const std::size_t blocks = map.value().blocks->blocks_used();
-  if (blocks > static_cast<std::size_t>(config.map.capacity_voxels / kBlockVoxels))
-    return wrong(fmt::format("holds {} blocks; raise map.capacity_voxels to {} or more", blocks,
-                             blocks * kBlockVoxels));
+  const std::size_t blocks = map.value().blocks->blocks_used(), kept = kept_blocks(o, config);
+  if (blocks > static_cast<std::size_t>(config.map.capacity_voxels / kBlockVoxels) + kept)
+    return wrong(fmt::format("holds {} blocks; raise map.capacity_voxels to {} or more{}", blocks,
+                             (blocks - kept) * kBlockVoxels,
+                             is_map_file(o.map) ? fmt::format(", or map.kept_blocks to {}", blocks) : ""));
   return map;
 }
 
@@ -377,6 +385,9 @@ Status run(const RunOptions& asked) {
   malloc_trim(0);  // what reading the network took for a moment goes back before the rest is taken
   Arena arena(planning.bytes_planned());
   const auto stages = std::make_unique<Stages>(arena, config, parts);
+  if (parts.kept_blocks > 0) {
+    if (Status s = stages->map.kept().open(options.map); !s.ok()) return s;
+  }
   if (resumed) {
     if (Status s = resume(options, *resumed, *stages); !s.ok()) return s;
     resumed.reset();

@@ -25,6 +25,7 @@ struct Stages {
     int lockstep_delay = 0;  ///< frames that lockstep keeps for a late detector
     int recorder_frames = 0;
     std::size_t trajectory_poses = 0;
+    std::size_t kept_blocks = 0;  ///< evicted ones, for a map file
     bool final_trajectory = false;
     bool groundtruth = false;  ///< there will be one to compare with
 
@@ -39,7 +40,7 @@ struct Stages {
       : frames(arena, parts.frames().sum(), config.camera.width, config.camera.height),
         rays(arena, config.camera),
         track(arena, config),
-        map(arena, config, rays, parts.detector),
+        map(arena, config, rays, parts.detector, parts.kept_blocks),
         flight(arena.take<FlightFrame>(
             "flight_recorder",
             config.runtime.flight_recorder.empty() ? 0 : FlightRecorder::frames_for(config.mount.fps))),

@@ -22,7 +22,7 @@ KEYS = {
                "heap_allocations_after_start": {k: COUNT for k in ("capture", "track", "map", "stream", "detect", "driver")},
                "pools": {k: POOL for k in ("frames", "points", "keyframes", "map_blocks")}},
     "shedding": {"steps": COUNT, "frames_shed": COUNT},
-    "map": {"voxels": COUNT, "blocks_used": COUNT, "blocks_capacity": COUNT, "blocks_evicted": COUNT, "voxel_m": NUMBER,
+    "map": {"voxels": COUNT, "blocks_used": COUNT, "blocks_capacity": COUNT, "blocks_evicted": COUNT, "blocks_kept": COUNT, "blocks_lost": COUNT, "voxel_m": NUMBER,
             "point_reduction": NUMBER},
     "stream": {"clients_peak": COUNT, "bytes_sent": COUNT, "messages_dropped": COUNT},
 }

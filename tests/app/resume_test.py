@@ -82,8 +82,8 @@ class Resume(RunningTest):
             self.assert_error(stillmap(*run_args("--mode", "lockstep", "--resume", other, "--map", out)), UNREADABLE_INPUT, str(other), word)
         for setting, word in (("camera.fx=400", "another camera calibration"), ("map.voxel_m=0.05", "map.voxel_m=0.04"),
                               ("camera.T_base_camera=[0, 0, 1, -0.5, 0.5, -0.5, 0.5]", "camera.T_base_camera"),
-                              ("map.capacity_voxels=20000", "map.capacity_voxels"), ("track.points=1000", "track.points")):
-            self.assert_error(stillmap(*run_args("--mode", "lockstep", "--resume", self.map, "--map", out, "--set", setting)), WRONG_CONFIG, str(self.map), word)
+                              ("map.capacity_voxels=20000", "map.kept_blocks"), ("track.points=1000", "track.points")):
+            self.assert_error(stillmap(*run_args("--mode", "lockstep", "--resume", self.map, "--map", out, "--set", setting, "--set", "map.kept_blocks=0")), WRONG_CONFIG, str(self.map), word)
         self.assertEqual(out.read_text(), "earlier")
         self.assertEqual(self.map.read_bytes(), whole)
 

@@ -71,6 +71,33 @@ TEST(BlockTable, evicts_a_sixteenth_per_frame_at_most) {
   EXPECT_NE(t.table.find_or_add({0, 2, 0}, 0), BlockTable::kNone);
 }
 
+TEST(BlockTable, a_block_gives_way_only_while_there_is_room_where_it_is_kept) {
+  Arena arena{24 << 20};
+  EvictedBlocks& lane = arena.take<EvictedBlocks>("lane", 1).front();
+  constexpr std::size_t kMany = 16 * (decltype(lane.blocks)::capacity() + 4);
+  BlockTable table{arena, kMany, nullptr, &lane};
+  table.begin_frame({});
+  for (int x = 0; x < static_cast<int>(kMany); ++x) {
+    const int index = table.find_or_add({x, 0, 0}, 5);
+    if (x != static_cast<int>(kMany) - 2)
+      table.voxels(index)[7].log_odds = -13;  // one of which nothing is known
+  }
+  table.begin_epoch(3);
+  table.begin_frame({});
+  for (int x = 0; x < static_cast<int>(lane.blocks.capacity()) + 1; ++x)
+    ASSERT_NE(table.find_or_add({x, 1, 0}, 0), BlockTable::kNone);
+  EXPECT_EQ(table.find_or_add({0, 2, 0}, 0), BlockTable::kNone);
+  EXPECT_EQ(table.evicted(), lane.blocks.capacity() + 1);
+  const EvictedBlock* first = lane.blocks.front();
+  EXPECT_EQ(first->copy.block.at, (BlockCoordinates{static_cast<int>(kMany) - 1, 0, 0}));
+  EXPECT_EQ(first->copy.block.anchor_keyframe, 5u);
+  EXPECT_EQ(first->copy.voxels[7].log_odds, -13);
+  EXPECT_EQ(first->epoch, 3u);
+  EXPECT_FALSE(first->T_new_old);
+  (void)lane.blocks.try_pop();
+  EXPECT_NE(table.find_or_add({0, 2, 0}, 0), BlockTable::kNone);
+}
+
 TEST(BlockTable, a_reused_block_starts_empty) {
   TableUnderTest t;
   t.table.begin_frame({});

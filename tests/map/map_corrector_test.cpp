@@ -11,6 +11,7 @@
 #include <set>
 
 #include "heap_count.h"
+#include "map/kept_blocks.h"
 #include "map/voxel_map.h"
 #include "map_scene.h"
 
@@ -53,15 +54,17 @@ struct Quality {
 
 struct RoomTest : testing::Test {
   explicit RoomTest(int copies = 32) { config.keyframe_copies = copies; }
+  int frames = kFrames;
 
-  void map_room(MapUnderTest& t, bool bent) {
-    for (int i = 0; i < kFrames; ++i) {
+  void map_room(MapUnderTest& t, bool bent, KeptBlocks* kept = nullptr) {
+    for (int i = 0; i < frames; ++i) {
       Picture p = t.render(room(), true_pose(i));
       FuseInput input = t.input(p, bent ? bent_pose(i) : true_pose(i), static_cast<std::uint64_t>(i) + 1,
                                 static_cast<std::uint32_t>(i / kFramesPerKeyframe));
       const int keyframe = i / kFramesPerKeyframe * kFramesPerKeyframe;
       input.T_map_keyframe = bent ? bent_pose(keyframe) : true_pose(keyframe);
       ASSERT_EQ(t.map().fuse(input), FuseOutcome::Fused);
+      if (kept != nullptr) kept->take_all();
     }
   }
   static const Correction& the_truth(std::uint32_t epoch = 1, std::uint32_t every = 1) {
@@ -301,6 +304,54 @@ TEST_F(RoomTest, AFullTableStaysWithinItsBlocks) {
   EXPECT_LE(t.map().blocks().blocks_used(), 420u);
   EXPECT_LT(quality(t.map()).mean_error_m, 0.04);
   expect_sound(t.map());
+}
+
+TEST_F(RoomTest, WhatATableTooSmallGaveAwayIsCorrectedAndSavedWithTheRest) {
+  config.keyframe_copies = 0;  // all moves with its keyframe
+  frames = 54;                 // no place is seen from two ends
+  MapUnderTest large(camera(), config);
+  map_room(large, true);
+  config.capacity_voxels = 420 * kBlockVoxels;
+  Arena arena(8 << 20);
+  KeptBlocks kept(arena, 4000, config.voxel_m);
+  ASSERT_TRUE(kept.open(testing::TempDir() + "kept").ok());
+  MapUnderTest t(camera(), config, kept.lane());
+  map_room(t, true, &kept);
+  const auto found = [&] {
+    const std::string file = testing::TempDir() + "kept.stillmap";
+    MapFileWriter writer(file, {config.voxel_m, 0, false});
+    append_blocks(t.map().blocks(), writer);
+    kept.append_to(writer);
+    EXPECT_TRUE(writer.finish().ok());
+    Result<MapFile> read = read_map_file(file);
+    EXPECT_TRUE(read.ok());
+    MapUnderTest whole(camera(), {});
+    EXPECT_TRUE(whole.map().load(*read.value().blocks).empty());
+    EXPECT_GT(recall(whole.map(), large.map()), 0.999) << "nothing else is in it";
+    return recall(large.map(), whole.map());
+  };
+  const double before = found(), in_memory = recall(large.map(), t.map());
+
+  large.map().correct(the_truth());
+  finish(large.map());
+  ASSERT_TRUE(t.map().can_correct());
+  t.map().correct(the_truth());
+  EXPECT_FALSE(t.map().can_correct());
+  for (int i = 0; i < 100; ++i) t.map().continue_correction();
+  constexpr std::size_t kOfASlice = 420 / 16 + MapCorrector::kMovedAtOnce;
+  EXPECT_LE(kept.lane()->blocks.size(), kOfASlice) << "it waits until there is room for what gives way";
+  for (kept.take_all(); t.map().correcting(); kept.take_all()) t.map().continue_correction();
+  EXPECT_TRUE(t.map().can_correct());
+  expect_sound(t.map());
+  const double after = found();
+  std::printf(
+      "[ MEASURED ] 420 blocks of %zu in memory, with %.1f %% of the voxels; in the file %.2f %%, corrected "
+      "%.2f %%\n",
+      large.map().blocks().blocks_used(), 100 * in_memory, 100 * before, 100 * after);
+  EXPECT_GT(after, before - 0.001);
+  EXPECT_GT(before, 0.97);  // the others were too far off to get a place
+  EXPECT_LT(in_memory, 0.6);
+  EXPECT_EQ(kept.usage().refused + kept.lane()->blocks.usage("").refused, 0u);
 }
 
 TEST(KeyframePoses, AKeyframeThatIsNotNamedMovesBetweenItsNeighbours) {

@@ -134,21 +134,6 @@ TEST_F(MapFiles, a_block_beyond_reach_is_refused) {
   }
 }
 
-TEST_F(MapFiles, a_block_that_comes_twice_counts_as_it_came_last) {
-  MapFileWriter writer(path_, kFacts);
-  std::array<Voxel, kBlockVoxels> full{}, empty{};
-  for (Voxel& voxel : full) voxel.log_odds = Voxel::kMax;
-  Block block;
-  block.at = {1, 2, 3};
-  writer.append(block, full);
-  writer.append(block, empty);
-  ASSERT_TRUE(writer.finish().ok());
-  const Result<MapFile> read = read_map_file(path_);
-  ASSERT_TRUE(read.ok());
-  EXPECT_EQ(read.value().blocks->size(), 1);
-  EXPECT_EQ(read.value().blocks->occupied_voxels(), 0u);
-}
-
 TEST_F(MapFiles, keyframes_come_back_as_they_went) {
   const std::array<std::byte, 5> keyframes{std::byte{1}, std::byte{2}, std::byte{3}, std::byte{4},
                                            std::byte{5}};
@@ -168,7 +153,7 @@ TEST_F(MapFiles, a_resumed_map_is_the_same_and_goes_on) {
   const Result<MapFile> read = read_map_file(path_);
   ASSERT_TRUE(read.ok());
   MapUnderTest resumed(test::small_camera());
-  ASSERT_TRUE(resumed.map().load(*read.value().blocks));
+  ASSERT_TRUE(resumed.map().load(*read.value().blocks).empty());
   EXPECT_EQ(test::bytes_of(resumed.map()), test::bytes_of(map_.map()));
   const MapQueries queries(resumed.map(), true);
   int occupied = 0;
@@ -187,12 +172,45 @@ TEST_F(MapFiles, a_resumed_map_is_the_same_and_goes_on) {
   EXPECT_EQ(resumed.map().at({0.05, 0.05, 2.98}), Occupancy::Free);
 }
 
-TEST_F(MapFiles, a_map_with_too_little_room_loads_nothing) {
+TEST_F(MapFiles, a_map_with_too_little_room_loads_what_is_nearest_and_names_the_rest) {
   Config::Map config;
   config.capacity_voxels = 20 * kBlockVoxels;
   MapUnderTest small(test::small_camera(), config);
-  EXPECT_FALSE(small.map().load(blocks()));
-  EXPECT_EQ(small.map().blocks().size(), 0);
+  const Vec3 around{2.9, 0, 2.9};
+  const std::vector<int> rest = small.map().load(blocks(), around);
+  EXPECT_EQ(small.map().blocks().blocks_used(), 20u);
+  EXPECT_EQ(rest.size(), static_cast<std::size_t>(blocks().size()) - 20);
+  const auto distance = [&](const Block& b) {
+    return distance2(b.at, block_of(voxel_at(1 / config.voxel_m * around)));
+  };
+  std::int64_t farthest = 0;
+  for (int i = 0; i < 20; ++i) farthest = std::max(farthest, distance(small.map().blocks().block(i)));
+  for (const int i : rest) EXPECT_GE(distance(blocks().block(i)), farthest);
+}
+
+TEST_F(MapFiles, of_a_block_that_comes_twice_the_newer_look_counts_and_the_older_fills_in) {
+  std::array<Voxel, kBlockVoxels> older{}, newer{};
+  older[0].log_odds = older[1].log_odds = 100;
+  newer[0].log_odds = -64;
+  newer[2].log_odds = 90;
+  for (const bool newer_first : {true, false}) {
+    MapFileWriter writer(path_, kFacts);
+    for (const bool is_newer : {newer_first, !newer_first}) {
+      Block block;
+      block.fused_sequence = is_newer ? 9 : 2;
+      writer.append(block, is_newer ? newer : older);
+    }
+    ASSERT_TRUE(writer.finish().ok());
+    const Result<MapFile> read = read_map_file(path_);
+    ASSERT_TRUE(read.ok());
+    const BlockTable& table = *read.value().blocks;
+    ASSERT_EQ(table.blocks_used(), 1u);
+    EXPECT_EQ(table.voxels(0)[0].log_odds, -64);
+    EXPECT_EQ(table.voxels(0)[1].log_odds, 100);
+    EXPECT_EQ(table.voxels(0)[2].log_odds, 90);
+    EXPECT_EQ(table.block(0).fused_sequence, 9u);
+    EXPECT_EQ(table.block(0).occupied, 2);
+  }
 }
 
 TEST_F(MapFiles, calibrations_differ_by_their_numbers) {

@@ -57,11 +57,11 @@ struct Picture {
 /// A map with its arena, ray table and a way to show it scenes.
 class MapUnderTest {
  public:
-  explicit MapUnderTest(const CameraModel& camera, Config::Map config = {})
+  explicit MapUnderTest(const CameraModel& camera, Config::Map config = {}, EvictedBlocks* evicted = nullptr)
       : camera_(camera),
         arena_(planned_bytes(camera, config)),
         rays_(arena_, camera),
-        map_(arena_, config, camera, rays_) {}
+        map_(arena_, config, camera, rays_, evicted) {}
 
   static std::size_t planned_bytes(const CameraModel& camera, const Config::Map& config) {
     Arena plan;
