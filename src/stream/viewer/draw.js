@@ -16,14 +16,17 @@ function program(vertex, fragment) {
   return { use: () => gl.useProgram(p), at: (name) => (found[name] ??= gl.getUniformLocation(p, name)) };
 }
 // A voxel is one point sprite; its pixels find the cube's face that their ray meets. So 500,000 cubes cost 500,000
-// vertices, and faces are shaded though nobody sends normals.
+// vertices, and faces are shaded though nobody sends normals. The sprite is just as big as the cube: half its extent along
+// the view's axes, as seen from there.
 const voxels = program(`
 layout(location=0) in vec3 cell; layout(location=1) in vec4 rgba;
-uniform mat4 m; uniform float edge, px; out vec3 centre; out vec3 colour; out float size;
+uniform mat4 m; uniform vec3 half_; uniform vec2 slope; uniform float edge, px; out vec3 centre; out vec3 colour; out float size;
 void main() {
   centre = (cell + 0.5) * edge; colour = rgba.rgb;
   gl_Position = rgba.a == 0. ? vec4(2, 2, 2, 1) : m * vec4(centre, 1);
-  size = gl_PointSize = clamp(2. * edge * px / gl_Position.w, 1.5, 400.);
+  float w = gl_Position.w, near = max(w - half_.z, 0.01);
+  vec2 aside = abs(gl_Position.xy) / w * slope, reach = half_.xy + min(aside, 2. * slope) * half_.z;
+  size = gl_PointSize = clamp(2. * px * max(reach.x, reach.y) / near, 1.5, 400.);
 }`, `
 in vec3 centre; in vec3 colour; in float size; out vec4 pixel;
 uniform vec3 eye, forward, right, above, up; uniform vec2 perPixel, depth; uniform float edge;
@@ -128,10 +131,16 @@ function placeLabels(labels, m, width, height) {
   });
 }
 
+// Drawn pixels per pixel of the page: fewer where the graphics unit cannot keep up, more again where it has room for them.
+let finest = 2;
+function adaptPixels(fps) {
+  if (!document.hidden && fps < 24) finest = Math.max(1, finest / 1.4);
+  if (fps > 50) finest = Math.min(2, finest * 1.4);
+}
 const kNear = 0.05, kFar = 200, kHalfHeight = Math.tan(0.5);
 function draw(now) {
   requestAnimationFrame(draw);
-  const ratio = Math.min(devicePixelRatio || 1, 2), width = Math.round(canvas.clientWidth * ratio), height = Math.round(canvas.clientHeight * ratio);
+  const ratio = Math.min(devicePixelRatio || 1, finest), width = Math.round(canvas.clientWidth * ratio), height = Math.round(canvas.clientHeight * ratio);
   if (canvas.width !== width || canvas.height !== height) { canvas.width = width; canvas.height = height; }
   if (view.follow && camera) view.target = add(view.target, add(add(camera.p, rotate(camera.q, [0, 0, 1]), 1.2), view.target, -1), 0.06);
   const eye = eyeOf(), u = basis()[0], forward = unit(add(view.target, eye, -1)), right = unit(cross(forward, u)), above = cross(right, forward);
@@ -150,6 +159,8 @@ function draw(now) {
   gl.uniformMatrix4fv(voxels.at("m"), false, m);
   gl.uniform1f(voxels.at("edge"), map.voxel_m);
   gl.uniform1f(voxels.at("px"), 0.5 * height / kHalfHeight);
+  gl.uniform3fv(voxels.at("half_"), [right, above, forward].map((v) => 0.5 * map.voxel_m * (Math.abs(v[0]) + Math.abs(v[1]) + Math.abs(v[2]))));
+  gl.uniform2f(voxels.at("slope"), kHalfHeight * aspect, kHalfHeight);
   gl.uniform3fv(voxels.at("eye"), eye);
   gl.uniform3fv(voxels.at("forward"), forward);
   gl.uniform3fv(voxels.at("right"), right.map((v) => v * kHalfHeight * aspect));

@@ -160,6 +160,42 @@ assert.ok(Math.abs(turned.yaw - start_view.yaw) > 0.1 && turned.distance < start
 await page.click("#follow");
 assert.ok((await state()).follow);
 
+// On a phone, what lies over the map leaves most of it to see, and nothing lies over each other.
+const size = page.viewport();
+await page.setViewport({ width: 390, height: 844 });
+const cards = await page.evaluate(() => ["strip", "tools", "preview"].map((id) => $(id).getBoundingClientRect().toJSON()));
+assert.ok(cards.reduce((sum, c) => sum + c.width * c.height, 0) < 0.18 * 390 * 844, JSON.stringify(cards));
+for (const a of cards) for (const b of cards) assert.ok(a === b || a.bottom <= b.top || b.bottom <= a.top, JSON.stringify(cards));
+await page.setViewport(size);
+
+// A figure past its limit has another colour.
+assert.deepEqual(await page.evaluate(() => [0, 40, 200].map((ms) => { grade("latency", "", ms, 33, 100); return getComputedStyle($("latency")).color; })),
+                 ["rgb(230, 235, 241)", "rgb(245, 165, 36)", "rgb(240, 69, 69)"]);
+
+// Half a million voxels: a point and 12 bytes each, drawn at once, and what changes is all that is sent to the graphics unit again.
+const many = await page.evaluate(() => {
+  const calls = { points: 0, draws: 0, bytes: 0 }, drawArrays = gl.drawArrays.bind(gl), part = gl.bufferSubData.bind(gl), whole = gl.bufferData.bind(gl);
+  const later = window.requestAnimationFrame;
+  window.requestAnimationFrame = () => 0;  // the page's own frames go on afterwards, once
+  gl.drawArrays = (mode, first, n) => { calls.draws += 1; if (mode === gl.POINTS) calls.points += n; drawArrays(mode, first, n); };
+  gl.bufferSubData = (...a) => { calls.bytes += a[4]; part(...a); };
+  gl.bufferData = (...a) => { if (a[1] === map.bytes) calls.bytes += a[1].length; whole(...a); };
+  const bits = new Uint8Array(64).fill(255), colours = new Uint8Array(3 * 512).fill(90), voxels = map.count;
+  for (let i = 0; i < 1000; ++i) map.set(1_000_000 + i, [i % 10 + 1000, Math.floor(i / 10) % 10, Math.floor(i / 100)], bits, colours);
+  const frame = () => { Object.assign(calls, { points: 0, draws: 0, bytes: 0 }); draw(performance.now()); return { ...calls }; };
+  const first = frame();
+  map.set(1_000_007, [1007, 0, 0], bits, colours);
+  const changed = frame();
+  Object.assign(gl, { drawArrays, bufferSubData: part, bufferData: whole });
+  window.requestAnimationFrame = later;
+  const result = { first, changed, added: map.count - voxels, used: map.used, capacity: map.capacity };
+  for (let i = 0; i < 1000; ++i) map.set(1_000_000 + i, [0, 0, 0], bits, colours.subarray(0, 0));
+  return result;
+});
+assert.equal(many.added, 512_000);
+assert.deepEqual([many.first.points, many.first.draws, many.first.bytes], [many.used, 2, 12 * many.capacity]);
+assert.ok(many.changed.bytes > 0 && many.changed.bytes <= 2 * 4096 * 12, JSON.stringify(many));
+
 // Files: the trajectory, and the last minute as an MCAP file that the format's own reader takes.
 const downloaded = async (ending) => {
   await until(`a ${ending} file`, () => readdirSync(folder).some((f) => f.endsWith(ending)));
