@@ -187,6 +187,11 @@ void BlockTable::pick_candidates() {
 
 int BlockTable::evict_one_farther_than(std::int64_t distance2) {
   if (!picked_candidates_) pick_candidates();
+  // Where one was released since, another block may be by now.
+  const auto is_another = [this](const Candidate& c) {
+    return stillmap::distance2(block(c.index).at, camera_) != c.distance2;
+  };
+  while (next_candidate_ < candidate_count_ && is_another(candidates_[next_candidate_])) ++next_candidate_;
   if (next_candidate_ == candidate_count_ || candidates_[next_candidate_].distance2 <= distance2)
     return kNone;
   const int index = candidates_[next_candidate_].index;

@@ -71,6 +71,19 @@ TEST(BlockTable, evicts_a_sixteenth_per_frame_at_most) {
   EXPECT_NE(t.table.find_or_add({0, 2, 0}, 0), BlockTable::kNone);
 }
 
+TEST(BlockTable, a_new_block_where_a_far_one_was_released_does_not_give_way_in_its_stead) {
+  TableUnderTest t;
+  t.table.begin_frame({});
+  for (int x = 0; x < static_cast<int>(kBlocks); ++x) (void)t.table.find_or_add({x, 0, 0}, 0);
+  t.table.begin_frame({});
+  EXPECT_NE(t.table.find_or_add({0, 1, 0}, 0), BlockTable::kNone);
+  t.table.release(t.table.find({62, 0, 0}));
+  EXPECT_NE(t.table.find_or_add({0, 2, 0}, 0), BlockTable::kNone);
+  EXPECT_NE(t.table.find_or_add({0, 3, 0}, 0), BlockTable::kNone);
+  EXPECT_NE(t.table.find({0, 2, 0}), BlockTable::kNone);
+  EXPECT_EQ(t.table.find({61, 0, 0}), BlockTable::kNone);
+}
+
 TEST(BlockTable, a_block_gives_way_only_while_there_is_room_where_it_is_kept) {
   Arena arena{24 << 20};
   EvictedBlocks& lane = arena.take<EvictedBlocks>("lane", 1).front();
