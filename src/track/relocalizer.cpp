@@ -10,20 +10,21 @@ constexpr int kFewestAgreeing = 10, kFewestInliers = 20;
 }  // namespace
 
 Relocalizer::Relocalizer(Arena& arena, const Config::Track& config, const CameraModel& camera)
-    : matcher_(arena, config, camera), frame_(arena.take<Keyframe>("relocalizer.frame", 1)[0]) {}
+    : matcher_(arena, config, camera), frame_(arena.take<Keyframe>("relocalizer.frame", 1)) {}
 
 void Relocalizer::take(const FrameFeatures& frame) {
-  frame_.features.clear();
+  Keyframe& own = frame_.front();
+  own.features.clear();
   for (std::size_t i = 0; i < frame.features.size(); ++i) {
     const Feature& f = frame.features[i];
     const bool stands = f.label == Label::Static || f.label == Label::SemiStatic;
-    frame_.descriptors[i] = frame.descriptors[i];
-    if (!frame_.features.try_push_back({f.ray_x, f.ray_y, stands ? f.depth_m : 0, f.octave, {}})) return;
+    own.descriptors[i] = frame.descriptors[i];
+    if (!own.features.try_push_back({f.ray_x, f.ray_y, stands ? f.depth_m : 0, f.octave, {}})) return;
   }
 }
 
 std::optional<FoundPose> Relocalizer::find_by(const Keyframe& keyframe, Random random) {
-  const std::optional<ViewMatch> match = matcher_.match(frame_, keyframe, random);
+  const std::optional<ViewMatch> match = matcher_.match(frame_.front(), keyframe, random);
   if (!match || match->agreeing_pairs < kFewestAgreeing || match->inliers < kFewestInliers)
     return std::nullopt;
   return FoundPose{match->T_a_b * inverse(keyframe.T_odom_camera), match->is_convincing()};

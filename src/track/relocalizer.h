@@ -32,7 +32,7 @@ class Relocalizer {
 
  private:
   ViewMatcher matcher_;
-  Keyframe& frame_;
+  std::span<Keyframe> frame_;  // one; none while memory is planned
 };
 
 }  // namespace stillmap
