@@ -17,6 +17,7 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <optional>
 #include <sstream>
 #include <string_view>
 #include <variant>
@@ -54,10 +55,9 @@ bool assign(Key& key, const toml::node& node) {
       return true;
     }
     bool operator()(double* to) const {
-      if (!node.is_number()) return false;
-      const double v = *node.value<double>();
-      if (!in_range(v)) return false;
-      *to = v;
+      const std::optional<double> v = node.value<double>();  // none of a whole number that it would round
+      if (!node.is_number() || !v || !in_range(*v)) return false;
+      *to = *v;
       return true;
     }
     bool operator()(Maybe* to) const {
@@ -178,7 +178,9 @@ Status apply_table(std::vector<Key>& keys, const toml::table& table, const std::
         prefix.empty() ? std::string(name.str()) : prefix + "." + std::string(name.str());
     const auto key = std::find_if(keys.begin(), keys.end(), [&](const Key& k) { return dotted == k.name; });
     if (key == keys.end()) {
-      if (const toml::table* inner = node.as_table()) {
+      // No key lies as deep as a file may nest tables.
+      if (const toml::table* inner = node.as_table();
+          inner != nullptr && std::ranges::count(dotted, '.') < 3) {
         if (Status s = apply_table(keys, *inner, dotted, origin, folder); !s.ok()) return s;
         continue;
       }
@@ -249,7 +251,8 @@ Result<LoadedConfig> load_config(std::span<const std::string> files, std::span<c
       return wrong(
           "--config names no file; give a camera file, for the service as CAMERA in "
           "/etc/stillmap/stillmap.env");
-    if (!std::filesystem::is_regular_file(file)) return wrong(file + ": no such configuration file");
+    std::error_code unknown;
+    if (!std::filesystem::is_regular_file(file, unknown)) return wrong(file + ": no such configuration file");
     try {
       const toml::table table = toml::parse_file(file);
       if (Status s = apply_table(keys, table, "", file, std::filesystem::path(file).parent_path()); !s.ok())

@@ -135,6 +135,7 @@ TEST_F(ConfigFiles, SetRefusesWhatIsNoOverride) {
   EXPECT_THAT(error({}, {"track.features="}), HasSubstr("does not fit"));
   EXPECT_THAT(error({}, {"camera.T_base_camera=[0.05, -1, ['a', inf]]"}),
               HasSubstr("= [0.05, -1, ['a', inf]] does not fit"));
+  EXPECT_THAT(error({}, {"camera.readout_s=0x7fffffffffffffff"}), HasSubstr("does not fit"));
   EXPECT_THAT(error({}, {"track.features={a = 0.05}"}), HasSubstr("= a table does not fit"));
   EXPECT_THAT(error({}, {"track.dynamic_rule=maybe"}), HasSubstr("\"silhouette\", \"paper\" or \"off\""));
 }
@@ -167,6 +168,12 @@ TEST_F(ConfigFiles, FileErrorsNameTheFileAndTheLine) {
   const std::string range = write("range.toml", "camera.fx = 1\n");
   EXPECT_THAT(error({range}),
               AllOf(HasSubstr(range), HasSubstr("'camera.fx' = 1 "), HasSubstr("from 50 to 5000 px")));
+  EXPECT_THAT(error({std::string(300, 'a')}), HasSubstr("no such configuration file"));
+  std::filesystem::create_symlink("circle.toml", folder_ / "circle.toml");
+  EXPECT_THAT(error({(folder_ / "circle.toml").string()}), HasSubstr("no such configuration file"));
+  std::string deep = "a";
+  for (int i = 0; i < 20'000; ++i) deep += ".a";
+  EXPECT_THAT(error({write("deep.toml", deep + " = 1")}), HasSubstr("unknown key 'a.a.a.a'"));
   const std::string flat = write("flat.toml", "camera = 5\n");
   EXPECT_THAT(error({flat}), HasSubstr("unknown key 'camera'"));
 }
