@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <cstdio>
+#include <filesystem>
 #include <memory>
 
 #include "app/commands.h"
@@ -42,6 +43,9 @@ Status export_map(const ExportOptions& o) {
   if (!ply && !tree && !o.out.ends_with(".pgm"))
     return Error{ExitCode::WrongConfig,
                  "--out " + o.out + ": expected a file name that ends in .ply, .bt or .pgm"};
+  std::error_code unknown;
+  if (std::filesystem::equivalent(o.file, o.out, unknown))
+    return Error{ExitCode::WrongConfig, "--out " + o.out + ": is the map itself; give it another name"};
   const Result<MapFile> map = read_map_file(o.file);
   if (!map.ok()) return map.error();
   const double voxel_m = map.value().facts.voxel_m;

@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <filesystem>
 #include <memory>
+#include <string>
 #include <utility>
+#include <vector>
 
 #include "app/commands.h"
 #include "runtime/run.h"
@@ -12,25 +15,32 @@ namespace stillmap {
 
 namespace {
 
-/// Two outputs in one file, or one in the ground truth's, leave only what is written last.
+/// Two outputs in one file, or one in a file that is read, leave only what is written last. A map may go on
+/// in its own file.
 Status check_files_differ(const RunOptions& o) {
-  const std::array<std::pair<const char*, const std::string*>, 5> files{
-      {{"--groundtruth", &o.groundtruth},
-       {"--trajectory", &o.trajectory},
+  std::vector<std::pair<std::string, std::string>> inputs{{"--groundtruth", o.groundtruth},
+                                                          {"--resume", o.resume}};
+  for (const std::string& file : o.configs) inputs.emplace_back("--config", file);
+  for (const char* list : {"associations.txt", "rgb.txt", "depth.txt", "groundtruth.txt"})
+    if (o.source.starts_with("tum:")) inputs.emplace_back("--source", o.source.substr(4) + "/" + list);
+  const std::array<std::pair<const char*, const std::string*>, 4> outputs{
+      {{"--trajectory", &o.trajectory},
        {"--trajectory-final", &o.trajectory_final},
        {"--map", &o.map},
        {"--report", &o.report}}};
-  const auto place = [](const std::string& path) {
+  const auto same = [](const std::string& one, const std::string& other) {
     std::error_code unknown;
-    return std::filesystem::weakly_canonical(path, unknown);
+    return !one.empty() && !other.empty() &&
+           std::filesystem::weakly_canonical(one, unknown) ==
+               std::filesystem::weakly_canonical(other, unknown);
   };
-  for (auto one = files.begin(); one != files.end(); ++one) {
-    for (auto other = files.begin(); other != one; ++other) {
-      if (one->second->empty() || other->second->empty() || place(*one->second) != place(*other->second))
-        continue;
-      return Error{ExitCode::WrongConfig, std::string(other->first) + " and " + one->first +
-                                              " name the same file, " + *one->second + "; give each its own"};
+  for (const auto& [option, path] : outputs) {
+    for (const auto& [other, taken] : inputs) {
+      if (same(*path, taken) && !(path == &o.map && other == "--resume"))
+        return Error{ExitCode::WrongConfig,
+                     other + " and " + option + " name the same file, " + *path + "; give each its own"};
     }
+    inputs.emplace_back(option, *path);
   }
   return {};
 }
@@ -98,6 +108,8 @@ void add_command_of_run(CLI::App& app, const char* name, const char* help,
             ExitCode::WrongConfig,
             "--detector-delay, --detector-every and --adjust-delay are lockstep's; in every other mode "
             "the work takes the time it takes; add --mode lockstep"};
+      if (std::isnan(o->duration_s))
+        return Error{ExitCode::WrongConfig, "--duration nan: expected seconds; 0 for all"};
       if (Status s = check_files_differ(*o); !s.ok()) return s;
       return command(*o);
     };

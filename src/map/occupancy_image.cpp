@@ -54,8 +54,11 @@ Result<OccupancyImage> occupancy_image(const MapFile& map, double from_m, double
   if (bounds.x0 > bounds.x1) return wrong("nothing is mapped between the heights; widen --from and --to");
   const std::int64_t columns = std::int64_t{bounds.x1} - bounds.x0 + 1,
                      rows = std::int64_t{bounds.y1} - bounds.y0 + 1;
-  if (columns > 4096 || rows > 4096)
-    return wrong("the map is wider than 32768 voxels; it has no floor plan of one picture");
+  // Two blocks that lie far apart are a small file.
+  if (columns > 4096 || rows > 4096 || columns * rows > 1 << 20)
+    return wrong(
+        "the map is wider than 32768 voxels, or covers more than 67 million; it has no floor plan of one "
+        "picture");
 
   OccupancyImage image;
   image.width = static_cast<int>(columns) * kBlockEdge;

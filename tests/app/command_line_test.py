@@ -136,7 +136,10 @@ class Arguments(ProgramTest):
         path, same = self.path / "x.ply", f"{self.path}/../{self.path.name}/x.ply"
         for args, words in ((["--map", path, "--trajectory", same], ("--trajectory", "--map", str(path))),
                             (["--report", path, "--trajectory-final", path], ("--trajectory-final", "--report")),
-                            (["--groundtruth", path, "--trajectory", path], ("--groundtruth", "--trajectory"))):
+                            (["--groundtruth", path, "--trajectory", path], ("--groundtruth", "--trajectory")),
+                            (["--config", path, "--report", same], ("--config", "--report")),
+                            (["--resume", path, "--trajectory", path], ("--resume", "--trajectory")),
+                            (["--trajectory", GROUNDTRUTH], ("--source", "--trajectory", str(GROUNDTRUTH)))):
             with self.subTest(args=args):
                 self.assert_error(stillmap(*run_args(*args)), WRONG_CONFIG, "the same file", *words, lines=1)
         self.assertEqual(list(self.path.iterdir()), [])

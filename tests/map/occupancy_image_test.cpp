@@ -48,6 +48,16 @@ TEST(OccupancyImage, AColumnIsOccupiedBeforeItIsFreeBeforeItIsUnknown) {
   EXPECT_EQ(image.cells[2 * 16 + 9], Occupancy::Free);
 }
 
+TEST(OccupancyImage, TwoBlocksFarApartAreRefusedBeforeThePictureIsMade) {
+  for (const BlockCoordinates far : {BlockCoordinates{5000, 0, 0}, BlockCoordinates{2000, 2000, 0}}) {
+    MapFile map = two_blocks();
+    map.blocks->find_or_add(far, 0);
+    const Result<OccupancyImage> made = occupancy_image(map, 0.0, 3.5);
+    ASSERT_FALSE(made.ok()) << far.x;
+    EXPECT_NE(made.error().message.find("no floor plan of one picture"), std::string::npos);
+  }
+}
+
 TEST(OccupancyImage, TheFilesFollowMapServer) {
   const fs::path folder = fs::temp_directory_path() / ("stillmap_occupancy_" + std::to_string(getpid()));
   fs::create_directories(folder);
