@@ -12,6 +12,7 @@ namespace stillmap {
 namespace {
 
 constexpr Nanoseconds kWindow_ns = 20'000'000;
+constexpr std::size_t kMostInWindow = 64;  // no camera is as fast; all pairs of a dense list are its square
 
 Error wrong(std::string message) {
   return {ExitCode::UnreadableInput, std::move(message)};
@@ -57,16 +58,18 @@ void mark_jumps(std::vector<ListedFrame>& frames) {
   }
 }
 
-/// Gives each frame the depth picture that fits it, best pairs of the whole log first.
-void associate(std::vector<ListedFrame>& frames, std::vector<ListedPicture> depth) {
+/// Gives each frame the depth picture that fits it, best pairs of the whole log first. False: too many fit.
+bool associate(std::vector<ListedFrame>& frames, std::vector<ListedPicture> depth) {
   const auto earlier = [](const ListedPicture& a, const ListedPicture& b) { return a.stamp_ns < b.stamp_ns; };
   std::stable_sort(depth.begin(), depth.end(), earlier);
   std::vector<std::tuple<Nanoseconds, std::size_t, std::size_t>> pairs;  // difference, frame, depth picture
   for (std::size_t f = 0; f < frames.size(); ++f) {
     if (frames[f].known_unusable) continue;
     const ListedPicture from{frames[f].colour_ns - kWindow_ns, {}};
+    const std::size_t before = pairs.size();
     for (auto d = std::lower_bound(depth.begin(), depth.end(), from, earlier);
          d != depth.end() && d->stamp_ns <= frames[f].colour_ns + kWindow_ns; ++d) {
+      if (pairs.size() - before == kMostInWindow) return false;
       pairs.emplace_back(std::abs(d->stamp_ns - frames[f].colour_ns), f,
                          static_cast<std::size_t>(d - depth.begin()));
     }
@@ -82,6 +85,7 @@ void associate(std::vector<ListedFrame>& frames, std::vector<ListedPicture> dept
   for (ListedFrame& frame : frames) {
     if (!frame.known_unusable && frame.depth_path.empty()) frame.known_unusable = DropReason::NoDepthMatch;
   }
+  return true;
 }
 
 }  // namespace
@@ -113,7 +117,9 @@ Result<std::vector<ListedFrame>> read_frame_list(const std::string& folder) {
     for (const ListedPicture& picture : colour.value())
       frames.push_back({picture.stamp_ns, 0, picture.path, {}});
     mark_jumps(frames);
-    associate(frames, std::move(depth.value()));
+    if (!associate(frames, std::move(depth.value())))
+      return wrong(folder + "/depth.txt: names more than " + std::to_string(kMostInWindow) +
+                   " pictures within 20 ms of one of colour; write the stamps in seconds");
   }
   return frames;
 }

@@ -16,6 +16,8 @@ namespace stillmap {
 
 namespace {
 
+constexpr Nanoseconds kLatestStamp_ns = 4'000'000'000'000'000'000;  // as parse_stamp reads them
+
 /// Size of a regular file in bytes, or -1.
 off_t file_bytes(const std::string& path) {
   struct stat info {};
@@ -117,6 +119,12 @@ Status TumLog::open() {
   reader_->first_ns = std::find_if(frames.begin(), frames.end(), usable)->colour_ns;
   reader_->last_ns = std::find_if(frames.rbegin(), frames.rend(), usable)->colour_ns;
   reader_->interval_ns = std::max<Nanoseconds>(median_interval(), 1);
+  const Nanoseconds pass_ns = reader_->last_ns - reader_->first_ns + reader_->interval_ns;
+  if (loops_ > 1 && pass_ns > kLatestStamp_ns / loops_)
+    return Error{ExitCode::WrongConfig,
+                 folder_ + ": " + std::to_string(loops_) + " passes of " +
+                     std::to_string(pass_ns / 1'000'000'000) +
+                     " s are more time than stamps can tell; play it fewer times (--loop)"};
   next_ = 0;
   return check_size();
 }

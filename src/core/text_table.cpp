@@ -5,6 +5,7 @@
 #include <cerrno>
 #include <charconv>
 #include <cstring>
+#include <filesystem>
 #include <fstream>
 
 namespace stillmap {
@@ -13,8 +14,7 @@ namespace {
 
 constexpr std::string_view kSeparators = " \t,\r";
 constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";
-constexpr Nanoseconds kLargest =
-    9'000'000'000'000'000'000;  // the year 2255; sums of a stamp and a window still fit
+constexpr Nanoseconds kLargest = 4'000'000'000'000'000'000;  // the year 2096; sums of two stamps still fit
 
 std::vector<std::string> split(std::string_view line) {
   std::vector<std::string> columns;
@@ -29,6 +29,10 @@ std::vector<std::string> split(std::string_view line) {
 }  // namespace
 
 Result<std::vector<TextRow>> read_text_table(const std::string& path) {
+  std::error_code unknown;
+  const std::filesystem::file_status kind = std::filesystem::status(path, unknown);
+  if (std::filesystem::exists(kind) && !std::filesystem::is_regular_file(kind))
+    return Error{ExitCode::UnreadableInput, path + ": cannot be read: it is no regular file; name one"};
   std::ifstream file(path, std::ios::binary);
   std::vector<TextRow> rows;
   std::string line;
@@ -37,7 +41,6 @@ Result<std::vector<TextRow>> read_text_table(const std::string& path) {
     std::vector<std::string> columns = split(line);
     if (!columns.empty() && columns[0][0] != '#') rows.push_back({number, std::move(columns), file.eof()});
   }
-  // A folder opens like a file; only reading it fails.
   if (!file.eof())
     return Error{ExitCode::UnreadableInput, path + ": cannot be read: " + std::strerror(errno)};
   return rows;

@@ -122,7 +122,9 @@ Result<LoadedConfig> load_config_of_model(std::span<const std::string> files,
 
 Result<ModelFile> read_model(const std::string& path) {
   std::error_code error;
-  if (fs::is_directory(path, error)) return unreadable(path, "is a folder, not an ONNX file");
+  const fs::file_status kind = fs::status(path, error);
+  if (fs::exists(kind) && !fs::is_regular_file(kind))
+    return unreadable(path, "is a folder, a pipe or a device, not an ONNX file");
   const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(std::fopen(path.c_str(), "rb"), std::fclose);
   if (file == nullptr) return unreadable(path, std::string("cannot be read (") + std::strerror(errno) + ")");
   ModelFile model{.path = path, .bytes = {}, .sha256 = {}, .warning = {}};

@@ -152,11 +152,12 @@ void append_blocks(const BlockTable& blocks, MapFileWriter& writer) {
 }
 
 Result<MapFile> read_map_file(const std::string& path) {
-  std::ifstream file(path, std::ios::binary | std::ios::ate);
-  const std::streamoff size = file.tellg();
-  // A folder opens as well, and has a size.
-  if (!file.good() || size < 0 || !std::filesystem::is_regular_file(path))
-    return unreadable(path, "cannot be opened; check the name and the permissions");
+  // A folder can be opened as well and has a size, and a pipe keeps waiting who opens it.
+  std::error_code unknown;
+  std::ifstream file;
+  if (std::filesystem::is_regular_file(path, unknown)) file.open(path, std::ios::binary | std::ios::ate);
+  const std::streamoff size = file.is_open() ? std::streamoff{file.tellg()} : -1;
+  if (size < 0) return unreadable(path, "cannot be opened; check the name and the permissions");
   if (static_cast<std::size_t>(size) < sizeof(Header) + sizeof(Footer))
     return unreadable(path, "is no Stillmap map; name a file that a run wrote with --map NAME.stillmap");
   std::vector<char> bytes(static_cast<std::size_t>(size));

@@ -119,6 +119,9 @@ Result<OpenedSource> open_openni2(const std::string& uri, const std::string& dev
     return std::make_unique<Paired>(setup, std::move(streams.colour), std::move(streams.depth));
   };
   if (!device.ends_with(".oni")) return open_camera(make, config);
+  std::error_code unknown;
+  if (!std::filesystem::is_regular_file(device, unknown))  // a pipe would keep it waiting
+    return Error{ExitCode::UnreadableInput, uri + ": is not there, or no regular file"};
   OpenedSource source;
   source.driver = make();
   if (Status s = source.driver->open(); !s.ok()) return s.error();

@@ -25,12 +25,13 @@ Error wrong_token_file(const std::string& path, const std::string& why) {
 }
 
 Result<std::string> read_token(const std::string& path) {
-  std::ifstream file(path);
-  std::string token;
-  if (!file || !std::getline(file, token))
-    return wrong_token_file(path, std::string("cannot be read; ") + kMakeToken);
   struct stat status {};
-  if (stat(path.c_str(), &status) != 0 || (status.st_mode & (S_IRWXG | S_IRWXO)) != 0)
+  std::ifstream file;
+  if (stat(path.c_str(), &status) == 0 && S_ISREG(status.st_mode)) file.open(path);
+  std::string token;
+  if (!file.is_open() || !std::getline(file, token))
+    return wrong_token_file(path, std::string("cannot be read; ") + kMakeToken);
+  if ((status.st_mode & (S_IRWXG | S_IRWXO)) != 0)
     return wrong_token_file(path, "can be read by other users; run `chmod 600 " + path + "`");
   if (token.size() < kShortestToken || token.size() > kLongestToken ||
       !std::ranges::all_of(token, is_token_letter)) {

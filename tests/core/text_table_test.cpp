@@ -3,6 +3,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 
 #include <filesystem>
 #include <fstream>
@@ -100,7 +101,9 @@ TEST_F(Table, SplitsAndCountsLines) {
 }
 
 TEST_F(Table, WhatCannotBeReadIsNamed) {
-  for (const std::string& path : {std::string("/no/such/file"), testing::TempDir()}) {
+  ASSERT_EQ(mkfifo(path_.c_str(), 0600), 0);
+  for (const std::string& path :
+       {std::string("/no/such/file"), testing::TempDir(), std::string("/dev/zero"), path_}) {
     const auto rows = read_text_table(path);
     ASSERT_FALSE(rows.ok());
     EXPECT_EQ(rows.error().exit_code, ExitCode::UnreadableInput);

@@ -3,6 +3,7 @@
 
 #include <gmock/gmock.h>
 #include <stdlib.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <filesystem>
@@ -106,6 +107,9 @@ TEST_F(ModelFileTest, RefusesWhatCannotBeRead) {
   expect_refused(find("absent.onnx"), ExitCode::UnreadableInput,
                  "'absent.onnx' cannot be read (No such file");
   expect_refused(find(folder_), ExitCode::UnreadableInput, "is a folder");
+  expect_refused(find("/dev/zero"), ExitCode::UnreadableInput, "or a device");
+  ASSERT_EQ(mkfifo((folder_ / "pipe.onnx").c_str(), 0600), 0);
+  expect_refused(find("pipe.onnx"), ExitCode::UnreadableInput, "a pipe");
   expect_refused(find(""), ExitCode::UnreadableInput, "cannot be read");
   if (geteuid() != 0) {
     const std::string file = write("locked.onnx", "abc");

@@ -54,6 +54,10 @@ TEST(Access, ATokenFileThatIsNoneIsRefusedWithTheMendAndWithoutItsText) {
   refused("with spaces in its text\n", 0600, "letters, digits");
   refused(kToken, 0640, "chmod 600");
   refused(kToken, 0604, "chmod 600");
+  const std::string pipe = testing::TempDir() + "stillmap_token_pipe_" + std::to_string(getpid());
+  ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
+  EXPECT_NE(open("127.0.0.1", pipe).error().message.find("cannot be read"), std::string::npos);
+  unlink(pipe.c_str());
   EXPECT_NE(open("127.0.0.1", "/nowhere").error().message.find("cannot be read"), std::string::npos);
 }
 

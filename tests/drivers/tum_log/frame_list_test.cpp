@@ -57,6 +57,17 @@ TEST_F(FrameList, NearestPairsFirstOneToOneWithinTwentyMilliseconds) {
   EXPECT_EQ(pairs(), "1000>1015 1010>1008 2000>2020 3000>no_depth_match 4000>no_depth_match ");
 }
 
+TEST_F(FrameList, ADenseListIsRefusedBeforeAllItsPairsAreMade) {
+  std::string list;
+  for (int i = 0; i < 64; ++i) list += "1." + std::to_string(100'000 + i) + " p\n";
+  write("rgb.txt", list);
+  write("depth.txt", list);
+  EXPECT_TRUE(read().ok());
+  write("depth.txt", list + "1.1002 p\n");
+  EXPECT_THAT(error(),
+              testing::AllOf(HasSubstr("depth.txt"), HasSubstr("more than 64"), HasSubstr("in seconds")));
+}
+
 TEST_F(FrameList, DepthNeedNotBeSortedAndTiesGoToTheEarlierFrame) {
   write("rgb.txt", "1.000 a\n1.020 b\n");
   write("depth.txt", "5.0 Z\n1.010 B\n");

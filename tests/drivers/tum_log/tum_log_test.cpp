@@ -166,6 +166,18 @@ TEST_F(TumLogFolder, StrangeThingsInPlaceOfFiles) {
                                            "corrupt_colour", "frame"));
 }
 
+TEST_F(TumLogFolder, MorePassesThanStampsCanTellAreRefused) {
+  write_good(2);
+  test::write_text(folder_.path() / "associations.txt",
+                   "0 rgb/0.png 0 depth/0.png\n1000000000 rgb/1.png 1000000000 depth/1.png\n");
+  const auto open = [&](int loops) { return TumLog(folder_.path().string(), kWidth, kHeight, loops).open(); };
+  EXPECT_TRUE(open(2).ok());
+  const Status refused = open(3);
+  ASSERT_FALSE(refused.ok());
+  EXPECT_EQ(refused.error().exit_code, ExitCode::WrongConfig);
+  EXPECT_THAT(refused.error().message, testing::HasSubstr("3 passes of 2000000000 s"));
+}
+
 TEST_F(TumLogFolder, FilesThatChangeAfterOpenAreDropped) {
   write_good(3);
   TumLog log(folder_.path().string(), kWidth, kHeight);
