@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
+#include <filesystem>
 
 #include "stream/listen_address.h"
 
@@ -108,7 +109,9 @@ Status WebServer::open() {
   access_ = std::move(access.value());
   for (const auto& [key, path] : {std::pair{"stream.tls_certificate", &config_.tls_certificate},
                                   std::pair{"stream.tls_key", &config_.tls_key}}) {
-    if (!path->empty() && ::access(path->c_str(), R_OK) != 0)
+    std::error_code unknown;
+    if (!path->empty() &&
+        (::access(path->c_str(), R_OK) != 0 || !std::filesystem::is_regular_file(*path, unknown)))
       return Error{ExitCode::WrongConfig,
                    std::string(key) + " = \"" + *path + "\" cannot be read; name a PEM file"};
   }
@@ -138,11 +141,15 @@ Status WebServer::create_context(const ListenAddress& address) {
   context_ = lws_create_context(&info);
   if (context_ != nullptr) vhost_ = lws_create_vhost(context_, &info);
   if (vhost_ != nullptr) return {};
-  const char* const tls = config_.tls_certificate.empty()
-                              ? ""
-                              : ", or check that stream.tls_key is the key of stream.tls_certificate";
+  // That the address can be listened on was tried before.
+  if (!config_.tls_certificate.empty())
+    return Error{ExitCode::WrongConfig,
+                 "stream.tls_certificate = \"" + config_.tls_certificate + "\" and stream.tls_key = \"" +
+                     config_.tls_key +
+                     "\" are no pair that OpenSSL takes; name a certificate in PEM and its own key, without "
+                     "a password and of 2048 bits or more"};
   return Error{ExitCode::RunFailed, "stream.listen: libwebsockets cannot listen on " + config_.listen +
-                                        "; try another port, or off" + tls};
+                                        "; try another port, or off"};
 }
 
 int WebServer::port() const {
