@@ -50,6 +50,8 @@ struct WebServer::Callback {
         // One answer a connection, which ends when that is sent: of a second request, one for an upgrade that
         // the library (4.1) does not know, it would read headers that it has freed.
         return -1;
+      case LWS_CALLBACK_HTTP_CONFIRM_UPGRADE:  // to HTTP/2, too, before any token is asked for
+        return strcasecmp(static_cast<const char*>(in), "websocket") == 0 ? 0 : -1;
       case LWS_CALLBACK_FILTER_PROTOCOL_CONNECTION:
         return server->filter(socket);
       case LWS_CALLBACK_ESTABLISHED:
@@ -138,6 +140,7 @@ Status WebServer::create_context(const ListenAddress& address) {
   info.timeout_secs = 5;
   info.keepalive_timeout = 5;
   info.server_string = "stillmap";
+  info.alpn = "http/1.1";  // browsers would take HTTP/2, of which a connection does not end with its answer
   context_ = lws_create_context(&info);
   if (context_ != nullptr) vhost_ = lws_create_vhost(context_, &info);
   if (vhost_ != nullptr) return {};

@@ -449,7 +449,7 @@ test("beyond loopback there must be a token, which opens page and stream by addr
     execFileSync("openssl", ["req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "1", "-subj", "/CN=localhost", "-keyout", key, "-out", certificate], { stdio: "ignore" });
     await withServer(["--certificate", certificate, "--key", key], async (other) => {
       assert.equal(await handshake(`wss://127.0.0.1:${other}/`, { rejectUnauthorized: false }), "open");
-      const status = await new Promise((resolve, reject) => https.get(`https://127.0.0.1:${other}/`, { rejectUnauthorized: false, agent: false },
+      const status = await new Promise((resolve, reject) => https.get(`https://127.0.0.1:${other}/`, { rejectUnauthorized: false, agent: false, ALPNProtocols: ["h2", "http/1.1"] },  // as browsers ask
         (r) => { r.resume(); resolve(r.statusCode); }).on("error", reject));
       assert.equal(status, 200);
       await assert.rejects(fetch(`http://127.0.0.1:${other}/`, { signal: AbortSignal.timeout(2000) }));
