@@ -31,6 +31,9 @@ using namespace config;
 
 namespace {
 
+// The library follows tables into each other on the stack, and 100 KB can hold 50,000 of them.
+constexpr std::uintmax_t kMostBytes = 64 << 10;
+
 /// Stores a TOML value; false when its type or range does not fit.
 bool assign(Key& key, const toml::node& node) {
   struct Store {
@@ -253,6 +256,8 @@ Result<LoadedConfig> load_config(std::span<const std::string> files, std::span<c
           "/etc/stillmap/stillmap.env");
     std::error_code unknown;
     if (!std::filesystem::is_regular_file(file, unknown)) return wrong(file + ": no such configuration file");
+    if (std::filesystem::file_size(file, unknown) > kMostBytes)
+      return wrong(file + ": is larger than 64 KB; no configuration is");
     try {
       const toml::table table = toml::parse_file(file);
       if (Status s = apply_table(keys, table, "", file, std::filesystem::path(file).parent_path()); !s.ok())

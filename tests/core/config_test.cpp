@@ -172,8 +172,9 @@ TEST_F(ConfigFiles, FileErrorsNameTheFileAndTheLine) {
   std::filesystem::create_symlink("circle.toml", folder_ / "circle.toml");
   EXPECT_THAT(error({(folder_ / "circle.toml").string()}), HasSubstr("no such configuration file"));
   std::string deep = "a";
-  for (int i = 0; i < 20'000; ++i) deep += ".a";
+  for (int i = 0; i < 16'000; ++i) deep += ".a";
   EXPECT_THAT(error({write("deep.toml", deep + " = 1")}), HasSubstr("unknown key 'a.a.a.a'"));
+  EXPECT_THAT(error({write("large.toml", "#" + std::string(1 << 16, 'x'))}), HasSubstr("larger than 64 KB"));
   const std::string flat = write("flat.toml", "camera = 5\n");
   EXPECT_THAT(error({flat}), HasSubstr("unknown key 'camera'"));
 }
