@@ -116,11 +116,13 @@ Status Recorder::open() {
                    "); give a folder whose parent is there");
   writer->folder = ::open(path.c_str(), O_DIRECTORY | O_RDONLY | O_CLOEXEC);
   if (writer->folder < 0) return refused(std::string(std::strerror(errno)) + "; give a folder");
+  constexpr const char* kTaken = "holds a log or a camera.toml already; give a new folder";
+  if (faccessat(writer->folder, "camera.toml", F_OK, AT_SYMLINK_NOFOLLOW) == 0) return refused(kTaken);
   writer->both = writer->create("associations.txt");
   writer->colour = writer->create("rgb.txt");
   writer->depth = writer->create("depth.txt");
   if (writer->both < 0 || writer->colour < 0 || writer->depth < 0) {
-    return refused(errno == EEXIST ? "holds a log already; give a new folder"
+    return refused(errno == EEXIST ? kTaken
                                    : std::string("cannot be written (") + std::strerror(errno) + ")");
   }
   for (const char* part : {"rgb", "depth"}) {

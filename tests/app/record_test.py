@@ -32,7 +32,7 @@ class Record(ProgramTest):
         self.assertEqual(facts["memory"]["heap_allocations_after_start"]["capture"], 0)
 
     def test_an_existing_log_is_not_written_over(self):
-        self.assert_error(stillmap(*run_args("--record", LOG)), RUN_FAILED, f"--record {LOG}: holds a log already", "give a new folder")
+        self.assert_error(stillmap(*run_args("--record", LOG)), RUN_FAILED, f"--record {LOG}: holds a log or a camera.toml already", "give a new folder")
 
     def test_the_profile_of_a_log_can_be_read_whatever_the_camera_is_called(self):
         log = self.path / "log"

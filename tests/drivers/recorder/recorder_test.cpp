@@ -214,7 +214,13 @@ TEST_F(RecorderFolder, RefusesAFolderThatHoldsALogOrCannotBe) {
     ASSERT_TRUE(first.open().ok());
   }
   Recorder again(setup());
-  EXPECT_THAT(again.open().error().message, testing::HasSubstr("holds a log already; give a new folder"));
+  EXPECT_THAT(again.open().error().message, testing::HasSubstr("holds a log or a camera.toml already"));
+  std::filesystem::create_directories(folder_.path() / "own");
+  test::write_text(folder_.path() / "own/camera.toml", "somebody's");
+  Recorder::Setup beside = setup();
+  beside.folder = (folder_.path() / "own").string();
+  EXPECT_THAT(Recorder(beside).open().error().message, testing::HasSubstr("camera.toml already"));
+  EXPECT_EQ(test::read_file(folder_.path() / "own/camera.toml").size(), 10u);
   Recorder::Setup nowhere = setup();
   nowhere.folder = "/no/such/folder/log";
   EXPECT_THAT(Recorder(nowhere).open().error().message,
