@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "map/map_file.h"
 
+#include <fcntl.h>
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/stat.h>
+#include <sys/syscall.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -16,6 +19,24 @@
 #include "map/map_copier.h"
 #include "map/map_queries.h"
 #include "tests/map/map_scene.h"
+
+namespace {
+/// What is asked of the disk, in its order, where a test wants to know.
+std::vector<std::string>* asked_of_disk = nullptr;
+}  // namespace
+
+// In place of the C library's.
+extern "C" int fsync(int file) {
+  struct stat status {};
+  fstat(file, &status);
+  if (asked_of_disk != nullptr)
+    asked_of_disk->push_back(S_ISDIR(status.st_mode) ? "sync folder" : "sync file");
+  return static_cast<int>(syscall(SYS_fsync, file));
+}
+extern "C" int rename(const char* from, const char* to) noexcept {
+  if (asked_of_disk != nullptr) asked_of_disk->emplace_back("rename");
+  return renameat(AT_FDCWD, from, AT_FDCWD, to);
+}
 
 namespace stillmap {
 namespace {
@@ -77,6 +98,14 @@ TEST_F(MapFiles, gives_back_every_block_and_voxel) {
     ASSERT_EQ(std::memcmp(back.voxels(i).data(), blocks().voxels(i).data(), kBlockVoxels * sizeof(Voxel)), 0);
   }
   EXPECT_EQ(std::distance(fs::directory_iterator(folder_), {}), 1) << "the temporary file stays";
+}
+
+TEST_F(MapFiles, a_map_is_on_the_disk_before_it_takes_its_name_and_its_name_before_it_is_done) {
+  std::vector<std::string> asked;
+  asked_of_disk = &asked;
+  write();
+  asked_of_disk = nullptr;
+  EXPECT_THAT(asked, testing::ElementsAre("sync file", "rename", "sync folder"));
 }
 
 TEST_F(MapFiles, an_empty_map_is_a_valid_file) {
