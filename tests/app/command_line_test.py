@@ -2,6 +2,7 @@
 """Commands that do not run the pipeline, and everything that is refused before it starts."""
 import hashlib
 import json
+import os
 import re
 import socket
 import unittest
@@ -97,6 +98,12 @@ class Machine(ProgramTest):
         self.assert_error(stillmap("run", *CAMERA, *NO_DETECTOR, *QUIET, "--source", "v4l2:/dev/null,/dev/null"), RUN_FAILED,
                           "/dev/null: is no video node", lines=1)
 
+    @unittest.skipIf("openni2" not in stillmap("--version").stdout, "this program has no OpenNI2")
+    def test_a_pipe_in_place_of_a_recording(self):
+        os.mkfifo(self.path / "pipe.oni")
+        result = stillmap("run", *CAMERA, *NO_DETECTOR, *QUIET, "--source", f"openni2:{self.path}/pipe.oni", timeout=60)
+        self.assert_error(result, UNREADABLE_INPUT, "pipe.oni", "no regular file")
+
 
 class Arguments(ProgramTest):
     def test_wrong_arguments(self):
@@ -104,6 +111,9 @@ class Arguments(ProgramTest):
                      run_args("--detector-every", "0"), run_args("--duration", "-1"), run_args("--loop", "0"), ["eval"], ["check", "stray"]):
             with self.subTest(args=args):
                 self.assert_error(stillmap(*args), WRONG_CONFIG, "--help", lines=1)
+
+    def test_a_duration_that_is_no_number(self):
+        self.assert_error(stillmap(*run_args("--duration", "nan")), WRONG_CONFIG, "--duration nan", "0 for all", lines=1)
 
     def test_errors_are_one_line_whatever_is_in_a_name(self):
         self.assert_error(stillmap("check", "--set", "camera\n.width\x1b[2J=640"), WRONG_CONFIG, "camera?.width?[2J", lines=1)

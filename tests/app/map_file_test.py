@@ -60,6 +60,9 @@ class MapFiles(ProgramTest):
             for command in (["info", file], ["export", file, "--out", out]):
                 self.assert_error(stillmap("map", *command), UNREADABLE_INPUT, str(file), word, lines=1)
         self.assertEqual(out.read_text(), "earlier")
+        out.write_bytes(whole)  # a map by another name
+        self.assert_error(stillmap("map", "export", out, "--out", out), WRONG_CONFIG, str(out), "is the map itself", lines=1)
+        self.assertEqual(out.read_bytes(), whole)
         self.assert_error(stillmap("map", "export", file, "--out", "m.obj"), WRONG_CONFIG, ".ply", lines=1)
 
 
