@@ -115,7 +115,8 @@ std::vector<Key> describe(Config& c) {
        "parts left out, to measure what they are worth: carried_boxes, motion_check, point_trust, alignment, "
        "adjustment, loops"},
       {"track.dynamic_rule", &c.track.dynamic_rule, "", "\"silhouette\", \"paper\" or \"off\""},
-      {"track.features", &c.track.features, "", "corners per frame", 100, 1200},
+      {"track.features", &c.track.features, "", "corners per frame; a map begins with 100 that have depth",
+       200, 1200},
       {"track.levels", &c.track.levels, "", "pyramid levels", 1, 8},
       {"track.scale_factor", &c.track.scale_factor, "", "size ratio of two pyramid levels", 1.05, 1.9},
       {"track.fast_threshold", &c.track.fast_threshold, "grey levels", "corner contrast", 3, 100},

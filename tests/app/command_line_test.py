@@ -128,7 +128,7 @@ class Arguments(ProgramTest):
                 ([*CAMERA, "--config", bad_file], ("bad.toml", "track.featurs", "track.features")),
                 ([*CAMERA, "--config", broken], ("broken.toml:", "TOML")),
                 ([*CAMERA, "--config", self.path / "none.toml"], ("none.toml", "no such")),
-                ([*CAMERA, "--set", "track.features=none"], ("track.features", "whole number", "100")),
+                ([*CAMERA, "--set", "track.features=none"], ("track.features", "whole number", "200")),
                 ([*CAMERA, "--set", "map.voxel_m=9"], ("map.voxel_m", "0.5 m")),
                 ([*CAMERA, "--set", "nonsense"], ("KEY=VALUE",)),
                 ([], ("camera.width", "missing", "firmware-config/cameras")),
