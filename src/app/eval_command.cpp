@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <cstdio>
+#include <filesystem>
 #include <memory>
 
 #include "app/commands.h"
@@ -30,6 +31,11 @@ Result<std::vector<Nanoseconds>> frame_stamps(const std::string& source) {
 }
 
 Status eval(const EvalOptions& o) {
+  std::error_code unknown;
+  if (std::filesystem::equivalent(o.report, o.groundtruth, unknown) ||
+      std::filesystem::equivalent(o.report, o.estimate, unknown))
+    return Error{ExitCode::WrongConfig,
+                 "--report " + o.report + ": is one of the trajectories; give it another name"};
   const auto groundtruth = read_trajectory(o.groundtruth);
   if (!groundtruth.ok()) return groundtruth.error();
   const auto estimate = read_trajectory(o.estimate);

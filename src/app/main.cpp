@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <cstdio>
 #include <new>
 #include <string>
 #include <system_error>
@@ -52,7 +53,10 @@ int main(int argc, char** argv) {
     return static_cast<int>(stillmap::ExitCode::WrongConfig);
   }
   try {
-    const stillmap::Status status = action();
+    stillmap::Status status = action();
+    if (status.ok() && (std::fflush(stdout) != 0 || std::ferror(stdout) != 0))
+      status = stillmap::Error{stillmap::ExitCode::RunFailed,
+                               "standard output cannot be written; is the disk full, or its reader gone?"};
     if (status.ok()) return static_cast<int>(stillmap::ExitCode::Done);
     say_error(status.error().message);
     return static_cast<int>(status.error().exit_code);

@@ -5,9 +5,10 @@ import json
 import os
 import re
 import socket
+import subprocess
 import unittest
 
-from program import (CAMERA, DETECTOR, DONE, FRAMES, GROUNDTRUTH, LOG, MODEL, NO_DETECTOR, QUIET, RUN_FAILED, SOURCE,
+from program import (CAMERA, DETECTOR, DONE, FRAMES, GROUNDTRUTH, LOG, MODEL, NO_DETECTOR, PROGRAM, QUIET, RUN_FAILED, SOURCE,
                      UNREADABLE_INPUT, WRONG_CONFIG, ProgramTest, link_log, run_args, stillmap)
 
 
@@ -383,6 +384,16 @@ class Eval(ProgramTest):
         self.assert_error(stillmap(*pair, other), UNREADABLE_INPUT, lines=1)
         self.assert_error(stillmap(*pair, self.path / "none"), UNREADABLE_INPUT, "none", lines=1)
         self.assert_error(stillmap(*pair, GROUNDTRUTH, "--report", self.path / "no/e.json"), RUN_FAILED, "e.json", lines=1)
+        before = other.read_text()
+        self.assert_error(stillmap(*pair, other, "--report", other), WRONG_CONFIG, str(other), "one of the trajectories", lines=1)
+        self.assertEqual(other.read_text(), before)
+
+    def test_a_standard_output_that_takes_nothing(self):
+        for args in (["eval", "--groundtruth", GROUNDTRUTH, "--estimate", GROUNDTRUTH], ["check", *CAMERA, "--dump"], ["plan", *CAMERA]):
+            with self.subTest(args=args), open("/dev/full", "w", encoding="utf-8") as full:
+                result = subprocess.run([PROGRAM, *args], stdout=full, stderr=subprocess.PIPE, text=True)
+                self.assertEqual((result.returncode, len(result.stderr.splitlines())), (RUN_FAILED, 1), result.stderr)
+                self.assertIn("standard output cannot be written", result.stderr)
 
 
 if __name__ == "__main__":
