@@ -184,6 +184,29 @@ TEST(Capture, NonsenseAtFirstIsDroppedToo) {
   EXPECT_EQ(stamps_of(bench).size(), 40u);
 }
 
+TEST(Capture, NonsenseOfDepthIsDroppedToo) {
+  class DepthAhead : public ScriptedDriver {
+   public:
+    using ScriptedDriver::ScriptedDriver;
+    GrabResult grab(FrameSlot& slot, Nanoseconds deadline_ns) override {
+      const GrabResult result = ScriptedDriver::grab(slot, deadline_ns);
+      if (++grabs_ % 2 == 0) slot.depth_ns = std::numeric_limits<Nanoseconds>::max();
+      return result;
+    }
+
+   private:
+    int grabs_ = 0;
+  };
+  Bench bench({}, true);
+  DepthAhead driver({.name = "ahead", .width = kWidth, .height = kHeight, .is_log = true}, frames(10));
+  Capture capture(driver, CameraModel{}, bench.pool, bench.counters, bench.log, bench.events, 0);
+  FrameHandle frame;
+  int taken = 0;
+  for (int i = 0; i < 10; ++i) taken += capture.next(frame, monotonic_now()) == Capture::Outcome::Frame;
+  EXPECT_EQ(taken, 5);
+  EXPECT_EQ(bench.dropped(DropReason::TimeJump), 5u);
+}
+
 TEST(Capture, ALogsStampsAreAsTheyAre) {
   std::vector<Grab> grabs;
   add_frames(grabs, kNow, 10);
