@@ -26,14 +26,15 @@ bool MoverSightings::filter(Detections& boxes, const Pose& T_map_camera) {
 void MoverSightings::note(const Detections& boxes, const Pose& T_map_camera) {
   for (const Detection& box : boxes.items) {
     if (!has_place(box)) continue;
-    sightings_[noted_++ % sightings_.size()] = {boxes.stamp_ns, place_of(box, T_map_camera),
-                                                box.score >= sure_score_};
+    sightings_[static_cast<std::size_t>(noted_++ % sightings_.size())] = {
+        boxes.stamp_ns, place_of(box, T_map_camera), box.score >= sure_score_};
   }
 }
 
 bool MoverSightings::counts(const Detection& box, Nanoseconds stamp_ns, const Pose& T_map_camera) const {
   const Vec3 p_map = place_of(box, T_map_camera);
-  const auto end = sightings_.begin() + static_cast<std::ptrdiff_t>(std::min(noted_, sightings_.size()));
+  const auto end =
+      sightings_.begin() + static_cast<std::ptrdiff_t>(std::min<std::uint64_t>(noted_, sightings_.size()));
   return std::any_of(sightings_.begin(), end, [&](const Sighting& there) {
     const double age_s = to_seconds(stamp_ns - there.stamp_ns);
     return age_s <= kKept_s && (there.sure || age_s >= kRipe_s) && norm(there.p_map - p_map) < kReach_m;
