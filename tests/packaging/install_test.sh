@@ -1,27 +1,32 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# install_test.sh: makes the packages of the release build and holds them against lintian; installs them in a Debian 12 that
-# has nothing else, replays a log there, and builds the example of the library there. Needs root, debootstrap, the network.
+# install_test.sh: makes the packages of the release build, and of the ARM builds that there are, and holds them against lintian;
+# installs the release build's in a Debian 12 that has nothing else, replays a log there, has udev read the cameras' rules, and
+# builds the example of the library there. Needs root, debootstrap, the network.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 work=$(mktemp -d /var/tmp/stillmap-install-XXXXXX)
 root=$work/root
 clean_up() {
-  ! mountpoint -q "$root/proc" || umount "$root/proc"
+  for folder in proc sys; do ! mountpoint -q "$root/$folder" || umount "$root/$folder"; done
   rm -rf --one-file-system "$work"
 }
 trap clean_up EXIT
 
-cpack --config build/release/CPackConfig.cmake -B "$work/packages" >"$work/cpack.txt" || { cat "$work/cpack.txt"; exit 1; }
-packages=("$work"/packages/*.deb)
-ls -l "${packages[@]}"
-lintian --fail-on error,warning "${packages[@]}"
+for build in release aarch64 armhf; do
+  [ -x "build/$build/bin/stillmap" ] || continue
+  cpack --config "build/$build/CPackConfig.cmake" -B "$work/$build" >"$work/cpack.txt" || { cat "$work/cpack.txt"; exit 1; }
+  ls -l "$work/$build"/*.deb
+  lintian --fail-on error,warning "$work/$build"/*.deb
+done
+packages=("$work"/release/*.deb)
 
 debootstrap --variant=minbase bookworm "$root" "${STILLMAP_DEBIAN_MIRROR:-http://deb.debian.org/debian}" >"$work/debootstrap.txt" ||
   { tail -n 20 "$work/debootstrap.txt"; exit 1; }
 cp /etc/resolv.conf "$root/etc/"
 # As every system has it: the loader asks it where the program is, and looks for modules beside that.
 mount -t proc proc "$root/proc"
+mount -t sysfs -o ro sys "$root/sys"
 cp "${packages[@]}" "$root/tmp/"
 build/release/bin/stillmap-synth --out "$root/tmp/log" --seed 3 --frames 20
 in_root() { chroot "$root" env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin DEBIAN_FRONTEND=noninteractive LC_ALL=C "$@"; }
@@ -47,6 +52,10 @@ in_root stillmap run --config $profiles/cameras/synthetic.toml --set detector.mo
 poses=$(grep -vc '^#' "$root/tmp/poses.txt")
 echo "$poses poses from the installed program, $(in_root ldd /usr/bin/stillmap | wc -l) libraries"
 [ "$poses" -eq 20 ]
+# Whatever udev has to say of the file but that it reads it is about a mistake.
+in_root apt-get -qq install --yes --no-install-recommends udev >"$work/install.txt" 2>&1 || { tail -n 20 "$work/install.txt"; exit 1; }
+said=$(in_root udevadm test /sys/devices/virtual/net/lo 2>&1 | grep -F 60-stillmap.rules || true)
+[ "$said" = 'Reading rules file: /usr/lib/udev/rules.d/60-stillmap.rules' ] || { echo "udev: $said"; exit 1; }
 # A folder is all that enabling needs; starting it needs a machine.
 systemctl --root="$root" enable stillmap
 [ -L "$root/etc/systemd/system/multi-user.target.wants/stillmap.service" ]
