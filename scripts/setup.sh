@@ -4,8 +4,8 @@
 #
 #   setup.sh           to build it and to run the demo
 #   setup.sh --arm     also the compilers for ARM (toolchains/sysroot.sh starts this)
-#   setup.sh --tests   also what scripts/test.sh checks it with
-#   setup.sh --full    also what scripts/test.sh --full adds: ARM, and packages in a clean root
+#   setup.sh --tests   also what scripts/test.sh checks it with, ARM's compilers among it
+#   setup.sh --full    also what scripts/test.sh --full adds: packages in a clean root, a virtual board
 #   setup.sh --bench   also what scripts/bench.sh measures with
 #
 # Only what is missing is installed; where nothing is, nothing happens.
@@ -42,7 +42,8 @@ case "$*" in
   "") ;;
   --arm) packages+=("${arm[@]}") ;;
   --tests|--full)
-    [ "$*" = --tests ] || packages+=("${arm[@]}" lintian debootstrap cppcheck
+    packages+=("${arm[@]}")
+    [ "$*" = --tests ] || packages+=(lintian debootstrap cppcheck
       # A virtual ARM board, and what makes its disk.
       qemu-system-arm busybox-static e2fsprogs)
     packages+=(clang-14 libclang-rt-14-dev clang-format clang-tidy shellcheck openssl python3-scipy systemd)

@@ -3,7 +3,7 @@
 # Checks everything: set-up, build, form, tests, tests under sanitizers, the whole pipeline against its bounds, the demo.
 #
 #   test.sh          in under 25 minutes on two cores
-#   test.sh --full   the slow tests, too, all of them under both sanitizers, ARM under emulation, and the packages
+#   test.sh --full   the slow tests, too, all of them under both sanitizers and on emulated ARM, and the packages
 #
 # One line for each step; what a failed one said follows it. Ends with "N passed, N failed": tests and steps together.
 # Tests with recorded logs find them in $STILLMAP_SHARED or ../shared, and are skipped where they are missing.
@@ -93,6 +93,12 @@ run_ctest() { # PRESET OPTION...
   ctest --preset "$1" --parallel $(($(nproc) + 1)) --build-config "$([ "$full" = yes ] && echo Full || echo Release)" "${@:2}"
 }
 
+# The part of the ARM tests that says most for its time; --full has all of them.
+check_arm() { # ARCHITECTURE
+  toolchains/sysroot.sh "$1" && cmake --preset "$1-quick" && cmake --build --preset "$1-quick" &&
+    ctest --preset "$1-quick" --parallel "$(nproc)"
+}
+
 step "set-up" scripts/setup.sh "--$([ "$full" = yes ] && echo full || echo tests)" || finish
 step "build release" build release all || finish
 step "format" check_format
@@ -102,6 +108,10 @@ step "shellcheck" shellcheck -x scripts/*.sh toolchains/*.sh tests/packaging/*.s
 step "tests" run_ctest release
 step "pipeline within its bounds" scripts/ci_gates.py
 step "demo" scripts/demo.sh --frames 60 --out build/demo
+if [ "$full" = no ]; then
+  step "part of the tests on aarch64" check_arm aarch64
+  step "part of the tests on armhf" check_arm armhf
+fi
 
 # Under sanitizers, scripts and the program's black-box tests say little more than the rooms' tests and take much longer;
 # the tracker's tests render their frames, which takes a sanitizer minutes. What takes bytes or indices from elsewhere is
