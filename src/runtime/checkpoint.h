@@ -22,13 +22,15 @@ MapFacts map_facts(const Config& config);
 class Checkpoint {
  public:
   /// Does nothing where `path` is no .stillmap file or the key is 0.
-  Checkpoint(const Config& config, std::string path, MapCopier& blocks, KeyframeCopier& keyframes);
+  Checkpoint(const Config& config, std::string path, EarlierFile& earlier, MapCopier& blocks,
+             KeyframeCopier& keyframes);
   void tick(Nanoseconds now);
 
  private:
   void write_ready();
 
   std::string path_;
+  EarlierFile& earlier_;
   MapFacts facts_;
   Nanoseconds every_ns_;
   MapCopier& blocks_;

@@ -24,7 +24,6 @@
 #include "runtime/log_sink.h"
 #include "runtime/memory_lock.h"
 #include "runtime/memory_use.h"
-#include "runtime/output_file.h"
 #include "runtime/report.h"
 #include "runtime/run_context.h"
 #include "runtime/source.h"
@@ -120,8 +119,8 @@ std::vector<StampedPose> final_poses(const RunContext& context) {
   return context.stages.final_trajectory.poses();
 }
 
-Status write_map(const RunContext& context, Nanoseconds timeout_ns) {
-  MapFileWriter file(context.options.map, map_facts(context.config), timeout_ns);
+Status write_map(RunContext& context, Nanoseconds timeout_ns) {
+  MapFileWriter file(context.options.map, map_facts(context.config), timeout_ns, &context.earlier_map);
   append_blocks(context.stages.map.map().blocks(), file);
   const TrackStage& track = context.stages.track;
   std::vector<std::byte> bytes(KeyframeWriter::kLargestRecord);
@@ -165,8 +164,8 @@ Status resume(const RunOptions& o, const MapFile& map, Stages& stages) {
 }
 
 /// A run without a pose leaves earlier outputs as they are, but for the report, which counts why.
-Status write_outputs(const RunContext& context, ReportFacts& facts,
-                     const std::vector<StampedPose>& groundtruth, const std::vector<Nanoseconds>& stamps) {
+Status write_outputs(RunContext& context, ReportFacts& facts, const std::vector<StampedPose>& groundtruth,
+                     const std::vector<Nanoseconds>& stamps) {
   const RunOptions& o = context.options;
   const std::string header =
       "stamp tx ty tz qx qy qz qw: T_map_camera (camera x right, y down, z forward; metres; stamps of the "
@@ -184,8 +183,12 @@ Status write_outputs(const RunContext& context, ReportFacts& facts,
     const auto timeout_ns = static_cast<Nanoseconds>(context.config.map.save_timeout_s * 1e9);
     context.stages.map.finish_correction();
     const VoxelMap& map = context.stages.map.map();
-    keep_first(is_map_file(o.map) ? write_map(context, timeout_ns)
-                                  : write_ply(map.blocks(), map.voxel_m(), o.map, timeout_ns));
+    keep_first(is_map_file(o.map)
+                   ? write_map(context, timeout_ns)
+                   : write_ply(map.blocks(), map.voxel_m(), o.map, timeout_ns, &context.earlier_map));
+    if (const std::string& kept = context.earlier_map.kept_as(); !kept.empty())
+      spdlog::warn("map: the earlier {} was more than twice as large as this run's and is now {}", o.map,
+                   kept);
   }
   if (results && !groundtruth.empty()) {
     const std::span<const StampedPose> poses = first_pass(context, stamps);
@@ -198,7 +201,7 @@ Status write_outputs(const RunContext& context, ReportFacts& facts,
     }
     if (!accuracy.ok()) spdlog::warn("no accuracy: {}", accuracy.error().message);
   }
-  if (!o.report.empty()) keep_first(write_text(o.report, make_report(context, facts)));
+  if (!o.report.empty()) keep_first(write_whole(o.report, make_report(context, facts)));
   return first;
 }
 

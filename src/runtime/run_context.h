@@ -7,6 +7,7 @@
 
 #include "core/config.h"
 #include "core/event.h"
+#include "core/whole_file.h"
 #include "detect/detector.h"
 #include "drivers/rgbd_driver.h"
 #include "runtime/flight_recorder.h"
@@ -57,6 +58,7 @@ struct RunContext {
   std::function<void(Stage)> on_work;  ///< tests hold a stage up with it; empty in a run
   RecordLane* record = nullptr;        ///< null: nothing is recorded
   SourceNews* source_news = nullptr;   ///< a camera's; null: none
+  EarlierFile earlier_map;             ///< the health thread's, then that of the outputs
   bool source_lost = false;            ///< written by capture, read when the run has ended
 
   /// A full ring counts what it refuses.

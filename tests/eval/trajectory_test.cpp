@@ -131,7 +131,7 @@ TEST_F(Trajectory, AnOutputThatCannotBeWrittenIsNamed) {
 
 TEST_F(Trajectory, AFailedWriteLeavesTheOldFile) {
   write("old");
-  std::filesystem::create_directory(path_ + ".part");  // the temporary name is taken, so writing must fail
+  std::filesystem::create_directory(path_ + ".tmp");  // the temporary name is taken, so writing must fail
   EXPECT_FALSE(write_trajectory(path_, {}, "h").ok());
   EXPECT_EQ(text(), "old");
 }
