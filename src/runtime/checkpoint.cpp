@@ -6,12 +6,9 @@
 #include <limits>
 #include <utility>
 
-namespace stillmap {
+#include "runtime/saved_map.h"
 
-MapFacts map_facts(const Config& config) {
-  // The map begins at the base, whose z axis points up.
-  return {config.map.voxel_m, calibration_hash(config.camera), config.mount.T_base_camera.has_value()};
-}
+namespace stillmap {
 
 Checkpoint::Checkpoint(const Config& config, std::string path, EarlierFile& earlier, MapCopier& blocks,
                        KeyframeCopier& keyframes)

@@ -11,12 +11,6 @@
 
 namespace stillmap {
 
-/// Whether a path names the project's own map format.
-inline bool is_map_file(const std::string& path) {
-  return path.ends_with(".stillmap");
-}
-MapFacts map_facts(const Config& config);
-
 /// Writes the map to its file every `map.checkpoint_s` while the run goes on, from the blocks and then the
 /// keyframes that copiers hand over. The health thread's; uses the heap.
 class Checkpoint {
