@@ -10,6 +10,7 @@
 #include "core/whole_file.h"
 #include "detect/detector.h"
 #include "drivers/rgbd_driver.h"
+#include "runtime/capture.h"
 #include "runtime/flight_recorder.h"
 #include "runtime/load_shedder.h"
 #include "runtime/record_lane.h"
@@ -47,8 +48,7 @@ struct RunContext {
   RunCounters counters;
   TrackLog track_log;
   CaptureLog capture_log;
-  AdjustLog adjust_log;
-  DetectLog detect_log;
+  LatencyHistogram adjust_time, detect_time;  ///< each of its own thread
   std::array<EventRing, kStageCount> events;
   Watchdog watchdog;
   std::uint32_t epoch_passed = 0, segment_told = 0;  ///< the track thread's
@@ -64,6 +64,16 @@ struct RunContext {
   /// A full ring counts what it refuses.
   void emit(Stage stage, EventCode code, std::uint64_t sequence, std::int64_t a) {
     static_cast<void>(events_of(stage).try_push({monotonic_now(), stage, code, sequence, a, 0}));
+  }
+  /// For the one thread that takes frames from the driver.
+  Capture capture() {
+    return {driver,
+            config.camera,
+            stages.frames,
+            counters,
+            capture_log,
+            events_of(Stage::Capture),
+            options.duration_s};
   }
   EventRing& events_of(Stage stage) { return events[static_cast<std::size_t>(stage)]; }
 };
