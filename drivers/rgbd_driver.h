@@ -13,9 +13,8 @@ namespace stillmap {
 struct SourceInfo {
   std::string name;  ///< for people and the report, e.g. "tum:DIR"
   int width = 0, height = 0;
-  double fps = 0;          ///< nominal; 0 = unknown
-  bool is_log = false;     ///< recorded: it can be paced, and it ends
-  std::size_t frames = 0;  ///< how many a log offers; 0 for a camera
+  double fps = 0;       ///< nominal; 0 = unknown
+  bool is_log = false;  ///< recorded: it can be paced, and it ends
   bool monotonic_stamps =
       false;  ///< stamps are on the monotonic clock, at exposure: latency counts from them
 };

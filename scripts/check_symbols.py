@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 HOT_ROOMS = ("core", "segment", "track", "map", "stream")
-HOT_OBJECTS = ("capture", "map_stage", "run_context", "threaded", "track_stage")  # of runtime
+HOT_OBJECTS = ("capture", "capture_threads", "map_stage", "run_context", "threaded", "track_stage")  # of runtime
 FORBIDDEN = re.compile(r"pthread_(mutex|cond|rwlock|spin|barrier)_|\bsem_(wait|timedwait|post)|\b(nanosleep|clock_nanosleep|usleep|sleep)\b|"
                        r"std::(mutex|timed_mutex|recursive_mutex|condition_variable|this_thread|future|promise)")
 

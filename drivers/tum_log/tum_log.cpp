@@ -160,8 +160,7 @@ Nanoseconds TumLog::median_interval() const {
 }
 
 SourceInfo TumLog::describe() const {
-  SourceInfo info{
-      "tum:" + folder_, width_, height_, 0, true, colour_stamps_.size() * static_cast<std::size_t>(loops_)};
+  SourceInfo info{.name = "tum:" + folder_, .width = width_, .height = height_, .is_log = true};
   if (const Nanoseconds interval = median_interval(); interval > 0)
     info.fps = 1e9 / static_cast<double>(interval);
   return info;

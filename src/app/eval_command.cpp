@@ -4,9 +4,9 @@
 #include <memory>
 
 #include "app/commands.h"
+#include "core/whole_file.h"
 #include "drivers/tum_log/frame_list.h"
 #include "eval/accuracy.h"
-#include "runtime/output_file.h"
 #include "runtime/report.h"
 #include "runtime/source.h"
 
@@ -45,7 +45,7 @@ Status eval(const EvalOptions& o) {
   const Result<Accuracy> result = evaluate(groundtruth.value(), estimate.value(), stamps.value());
   if (!result.ok()) return result.error();
   const std::string text = accuracy_json(result.value());
-  if (!o.report.empty()) return write_text(o.report, text);
+  if (!o.report.empty()) return write_whole(o.report, text);
   std::fputs(text.c_str(), stdout);
   return {};
 }

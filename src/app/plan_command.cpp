@@ -3,7 +3,8 @@
 #include <utility>
 
 #include "app/commands.h"
-#include "runtime/run.h"
+#include "core/stderr_text.h"
+#include "runtime/run_plan.h"
 
 namespace stillmap {
 
@@ -30,7 +31,8 @@ void print_plan(const Arena& planning, const FrameBudget& frames, double budget_
 Status plan(const RunOptions& options) {
   const Result<PlannedRun> planned = plan_run(options);
   if (!planned.ok()) return planned.error();
-  const auto& [config, parts] = planned.value();
+  const auto& [config, parts, warning] = planned.value();
+  if (!warning.empty()) write_stderr(warning + "\n");
   Arena planning;
   plan_memory(planning, config, parts);
   print_plan(planning, parts.frames(), config.memory.budget_mb);

@@ -16,6 +16,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <concepts>
 #include <filesystem>
 #include <optional>
 #include <sstream>
@@ -35,106 +36,89 @@ namespace {
 constexpr std::uintmax_t kMostBytes = 64 << 10;
 
 /// Stores a TOML value; false when its type or range does not fit.
+struct Store {
+  const Key& key;
+  const toml::node& node;
+  bool in_range(double v) const { return v >= key.min && v <= key.max; }
+  bool operator()(bool* to) const {
+    const auto v = node.as_boolean();
+    if (v != nullptr) *to = v->get();
+    return v != nullptr;
+  }
+  template <std::signed_integral Whole>
+  bool operator()(Whole* to) const {
+    const auto v = node.as_integer();
+    if (v == nullptr || !in_range(static_cast<double>(v->get()))) return false;
+    *to = static_cast<Whole>(v->get());
+    return true;
+  }
+  bool operator()(double* to) const {
+    const std::optional<double> v = node.value<double>();  // none of a whole number that it would round
+    if (!node.is_number() || !v || !in_range(*v)) return false;
+    *to = *v;
+    return true;
+  }
+  bool operator()(Maybe* to) const {
+    double v = 0;
+    if (!(*this)(&v)) return false;
+    *to = v;
+    return true;
+  }
+  bool operator()(std::string* to) const {
+    if (!node.is_string()) return false;
+    *to = *node.value<std::string>();
+    return true;
+  }
+  bool operator()(const Path& path) const { return (*this)(path.to); }
+  bool operator()(const Choice& choice) const {
+    const auto v = node.value<std::string>();
+    if (!node.is_string() || std::ranges::find(choice.words, *v) == choice.words.end()) return false;
+    *choice.to = *v;
+    return true;
+  }
+  template <class Item>
+  bool operator()(std::vector<Item>* to) const {
+    const toml::array* array = node.as_array();
+    if (array == nullptr) return false;
+    std::vector<Item> items;
+    for (const toml::node& item : *array) {
+      if (!Store{key, item}(&items.emplace_back())) return false;
+    }
+    *to = std::move(items);
+    return true;
+  }
+  bool fill(std::span<double> to) const {
+    const toml::array* array = node.as_array();
+    if (array == nullptr || array->size() != to.size()) return false;
+    for (std::size_t i = 0; i < to.size(); ++i) {
+      if (!Store{key, (*array)[i]}(&to[i])) return false;
+    }
+    return true;
+  }
+  bool operator()(Triple* to) const {
+    Triple v{};
+    if (!fill(v)) return false;
+    *to = v;
+    return true;
+  }
+  bool operator()(Mount* to) const {
+    std::array<double, 7> v{};
+    if (!fill(v)) return false;
+    const double n = v[3] * v[3] + v[4] * v[4] + v[5] * v[5] + v[6] * v[6];
+    if (std::abs(n - 1) > 1e-3) return false;
+    *to = v;
+    return true;
+  }
+  bool operator()(DynamicRule* to) const {
+    const auto said = node.value<std::string>();
+    const auto* rule = std::ranges::find_if(kRules, [&](const auto& r) { return said == r.first; });
+    if (!node.is_string() || rule == kRules.end()) return false;
+    *to = rule->second;
+    return true;
+  }
+};
+
 bool assign(Key& key, const toml::node& node) {
-  struct Store {
-    const Key& key;
-    const toml::node& node;
-    bool in_range(double v) const { return v >= key.min && v <= key.max; }
-    bool operator()(bool* to) const {
-      const auto v = node.as_boolean();
-      if (v != nullptr) *to = v->get();
-      return v != nullptr;
-    }
-    bool operator()(int* to) const {
-      const auto v = node.as_integer();
-      if (v == nullptr || !in_range(static_cast<double>(v->get()))) return false;
-      *to = static_cast<int>(v->get());
-      return true;
-    }
-    bool operator()(std::int64_t* to) const {
-      const auto v = node.as_integer();
-      if (v == nullptr || !in_range(static_cast<double>(v->get()))) return false;
-      *to = v->get();
-      return true;
-    }
-    bool operator()(double* to) const {
-      const std::optional<double> v = node.value<double>();  // none of a whole number that it would round
-      if (!node.is_number() || !v || !in_range(*v)) return false;
-      *to = *v;
-      return true;
-    }
-    bool operator()(Maybe* to) const {
-      double v = 0;
-      if (!(*this)(&v)) return false;
-      *to = v;
-      return true;
-    }
-    bool operator()(std::string* to) const {
-      if (!node.is_string()) return false;
-      *to = *node.value<std::string>();
-      return true;
-    }
-    bool operator()(const Path& path) const { return (*this)(path.to); }
-    bool operator()(const Choice& choice) const {
-      const auto v = node.value<std::string>();
-      if (!node.is_string() || std::ranges::find(choice.words, *v) == choice.words.end()) return false;
-      *choice.to = *v;
-      return true;
-    }
-    bool operator()(std::vector<std::string>* to) const {
-      const toml::array* array = node.as_array();
-      if (array == nullptr) return false;
-      std::vector<std::string> items;
-      for (const toml::node& item : *array) {
-        if (!item.is_string()) return false;
-        items.push_back(*item.value<std::string>());
-      }
-      *to = std::move(items);
-      return true;
-    }
-    bool operator()(std::vector<int>* to) const {
-      const toml::array* array = node.as_array();
-      if (array == nullptr) return false;
-      std::vector<int> items;
-      for (const toml::node& item : *array) {
-        if (!Store{key, item}(&items.emplace_back())) return false;
-      }
-      *to = std::move(items);
-      return true;
-    }
-    bool fill(std::span<double> to) const {
-      const toml::array* array = node.as_array();
-      if (array == nullptr || array->size() != to.size()) return false;
-      for (std::size_t i = 0; i < to.size(); ++i) {
-        if (!Store{key, (*array)[i]}(&to[i])) return false;
-      }
-      return true;
-    }
-    bool operator()(Triple* to) const {
-      Triple v{};
-      if (!fill(v)) return false;
-      *to = v;
-      return true;
-    }
-    bool operator()(Mount* to) const {
-      std::array<double, 7> v{};
-      if (!fill(v)) return false;
-      const double n = v[3] * v[3] + v[4] * v[4] + v[5] * v[5] + v[6] * v[6];
-      if (std::abs(n - 1) > 1e-3) return false;
-      *to = v;
-      return true;
-    }
-    bool operator()(DynamicRule* to) const {
-      if (!node.is_string()) return false;
-      for (const auto& [name, rule] : kRules) {
-        if (*node.value<std::string>() == name) {
-          *to = rule;
-          return true;
-        }
-      }
-      return false;
-    }
-  };
   return std::visit(Store{key, node}, key.target);
 }
 

@@ -45,7 +45,8 @@ struct Key {
 std::vector<Key> describe(Config& config);
 
 /// The words of track.dynamic_rule.
-inline constexpr std::array<std::pair<const char*, DynamicRule>, 3> kRules{
+using Rule = std::pair<const char*, DynamicRule>;
+inline constexpr std::array<Rule, 3> kRules{
     {{"off", DynamicRule::Off}, {"paper", DynamicRule::Paper}, {"silhouette", DynamicRule::Silhouette}}};
 
 /// A key's value as TOML writes it, for `check --dump`; what is not set has no TOML: "(unknown)".

@@ -1,98 +1,46 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/event.h"
 
+#include <array>
+#include <cstddef>
+
 namespace stillmap {
 
+namespace {
+
+// In the order of their enumerations.
+constexpr std::array kStages{"capture", "detect", "track", "adjust", "map", "stream", "health"};
+static_assert(kStages.size() == kStageCount);
+
+constexpr std::array kEventCodes{
+    "tracking_started", "tracking_weak",      "tracking_lost",   "relocalized",     "detector_failed",
+    "client_connected", "client_gone",        "quality_lowered", "quality_raised",  "stage_late",
+    "stage_in_time",    "source_gone",        "source_stalled",  "source_back",     "depth_empty",
+    "depth_scale",      "depth_unregistered", "loop_closed",     "segment_started", "source_refused",
+    "source_time_jump"};
+static_assert(kEventCodes.size() == static_cast<std::size_t>(EventCode::SourceTimeJump) + 1);
+
+constexpr std::array kDropReasons{"missing_file",   "corrupt_colour", "corrupt_depth",
+                                  "wrong_size",     "no_depth_match", "no_free_slot",
+                                  "tracker_behind", "time_jump",      "driver_dropped"};
+static_assert(kDropReasons.size() == kDropReasonCount);
+
+/// Also of what is no value of its enumeration: a flight recorder writes what is left after a bug.
+const char* name_in(const auto& names, auto value) {
+  const auto at = static_cast<std::size_t>(value);
+  return at < names.size() ? names[at] : "?";
+}
+
+}  // namespace
+
 const char* to_string(Stage stage) {
-  switch (stage) {
-    case Stage::Capture:
-      return "capture";
-    case Stage::Detect:
-      return "detect";
-    case Stage::Track:
-      return "track";
-    case Stage::Adjust:
-      return "adjust";
-    case Stage::Map:
-      return "map";
-    case Stage::Stream:
-      return "stream";
-    case Stage::Health:
-      return "health";
-  }
-  return "?";
+  return name_in(kStages, stage);
 }
-
 const char* to_string(EventCode code) {
-  switch (code) {
-    case EventCode::TrackingStarted:
-      return "tracking_started";
-    case EventCode::TrackingWeak:
-      return "tracking_weak";
-    case EventCode::TrackingLost:
-      return "tracking_lost";
-    case EventCode::Relocalized:
-      return "relocalized";
-    case EventCode::DetectorFailed:
-      return "detector_failed";
-    case EventCode::ClientConnected:
-      return "client_connected";
-    case EventCode::ClientGone:
-      return "client_gone";
-    case EventCode::QualityLowered:
-      return "quality_lowered";
-    case EventCode::QualityRaised:
-      return "quality_raised";
-    case EventCode::StageLate:
-      return "stage_late";
-    case EventCode::StageInTime:
-      return "stage_in_time";
-    case EventCode::SourceGone:
-      return "source_gone";
-    case EventCode::SourceStalled:
-      return "source_stalled";
-    case EventCode::SourceBack:
-      return "source_back";
-    case EventCode::LoopClosed:
-      return "loop_closed";
-    case EventCode::SegmentStarted:
-      return "segment_started";
-    case EventCode::SourceRefused:
-      return "source_refused";
-    case EventCode::SourceTimeJump:
-      return "source_time_jump";
-    case EventCode::DepthEmpty:
-      return "depth_empty";
-    case EventCode::DepthScale:
-      return "depth_scale";
-    case EventCode::DepthUnregistered:
-      return "depth_unregistered";
-  }
-  return "?";
+  return name_in(kEventCodes, code);
 }
-
 const char* to_string(DropReason reason) {
-  switch (reason) {
-    case DropReason::MissingFile:
-      return "missing_file";
-    case DropReason::CorruptColour:
-      return "corrupt_colour";
-    case DropReason::CorruptDepth:
-      return "corrupt_depth";
-    case DropReason::WrongSize:
-      return "wrong_size";
-    case DropReason::NoDepthMatch:
-      return "no_depth_match";
-    case DropReason::NoFreeSlot:
-      return "no_free_slot";
-    case DropReason::TrackerBehind:
-      return "tracker_behind";
-    case DropReason::TimeJump:
-      return "time_jump";
-    case DropReason::DriverDropped:
-      return "driver_dropped";
-  }
-  return "?";
+  return name_in(kDropReasons, reason);
 }
 
 }  // namespace stillmap

@@ -4,17 +4,9 @@
 namespace stillmap {
 
 const char* to_string(TrackState state) {
-  switch (state) {
-    case TrackState::Initializing:
-      return "initializing";
-    case TrackState::Tracking:
-      return "tracking";
-    case TrackState::Weak:
-      return "weak";
-    case TrackState::Lost:
-      return "lost";
-  }
-  return "?";
+  constexpr std::array kNames{"initializing", "tracking", "weak", "lost"};  // in its order
+  static_assert(kNames.size() == static_cast<std::size_t>(TrackState::Lost) + 1);
+  return kNames[static_cast<std::size_t>(state)];
 }
 
 }  // namespace stillmap

@@ -6,7 +6,6 @@
 #include "core/check.h"
 #include "detect/nanodet_decoder.h"
 #include "detect/yolo_decoder.h"
-#include "detect/yolox_decoder.h"
 
 namespace stillmap {
 
@@ -16,7 +15,7 @@ std::unique_ptr<Decoder> make_decoder(const std::string& name, const DecoderSetu
   if (name == "yolov5") return std::make_unique<YoloDecoder>(setup, YoloDecoder::Version::V5);
   if (name == "yolov8") return std::make_unique<YoloDecoder>(setup, YoloDecoder::Version::V8);
   STILLMAP_CHECK(name == "yolox");
-  return std::make_unique<YoloxDecoder>(setup);
+  return std::make_unique<YoloDecoder>(setup, YoloDecoder::Version::X);
 }
 
 Grid grid_of(const DecoderSetup& setup, int stride_px) {

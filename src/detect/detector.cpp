@@ -65,7 +65,7 @@ struct Detector::Impl {
   Letterbox letterbox;
   std::unique_ptr<Decoder> decoder;
   BoxSelection boxes;
-  std::string warnings, description;
+  std::string warnings;
   InputFormat format;
   std::unique_ptr<Network> network;
   std::vector<Tensor> tensors;
@@ -111,9 +111,6 @@ Detector::~Detector() = default;
 Result<std::unique_ptr<Detector>> Detector::open(const Config& config, const ModelFile& model) {
   auto impl = std::make_unique<Impl>(config, model.path);
   if (Status loaded = impl->load(model.bytes); !loaded.ok()) return loaded.error();
-  impl->description = std::filesystem::path(model.path).filename().string() + ", " + impl->decoder_name +
-                      ", " + impl->size_text() + ", " + std::to_string(impl->classes) + " classes, " +
-                      impl->network->library();
   return std::unique_ptr<Detector>(new Detector(std::move(impl)));
 }
 
@@ -128,9 +125,6 @@ bool Detector::run(const FrameSlot& frame, Detections& out) {
   return true;
 }
 
-const std::string& Detector::describe() const {
-  return impl_->description;
-}
 const std::string& Detector::class_warnings() const {
   return impl_->warnings;
 }

@@ -27,8 +27,6 @@ class Detector {
   /// and colour stamp. False, with no objects, when a library failed.
   [[nodiscard]] bool run(const FrameSlot& frame, Detections& out);
 
-  /// One line for people: file, input size, classes, library.
-  const std::string& describe() const;
   /// One line that names every configured class that the model does not know; empty where there is none.
   const std::string& class_warnings() const;
 

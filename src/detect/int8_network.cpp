@@ -129,8 +129,4 @@ void Int8Network::choose_outputs(std::span<const std::size_t> chosen) {
   chosen_ = std::move(of_outputs);
 }
 
-std::string Int8Network::library() const {
-  return std::string("8-bit layers with ") + int8_kernels().front()->name + " kernels";
-}
-
 }  // namespace stillmap

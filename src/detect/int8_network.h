@@ -31,7 +31,6 @@ class Int8Network final : public Network {
   std::size_t output_count() const override { return chosen_.size(); }
   Tensor output(std::size_t i) const override;
   void choose_outputs(std::span<const std::size_t> chosen) override;
-  std::string library() const override;
 
  private:
   friend class Int8NetworkBuilder;

@@ -41,8 +41,6 @@ class Network {
   virtual Tensor output(std::size_t i) const = 0;
   /// From now on, run() gives these of the present outputs.
   virtual void choose_outputs(std::span<const std::size_t> chosen) = 0;
-  /// What runs it, for people.
-  virtual std::string library() const = 0;
 };
 
 /// Opens the bytes of an ONNX file: on our own layers where these are all that it is made of, and with

@@ -124,9 +124,6 @@ class OpencvNetwork final : public Network {
   std::size_t output_count() const override { return names_.size(); }
   Tensor output(std::size_t i) const override;
   void choose_outputs(std::span<const std::size_t> chosen) override;
-  std::string library() const override {
-    return std::string("OpenCV ") + CV_VERSION + " with " + int8_kernels().front()->name + " kernels";
-  }
 
  private:
   void fill_input(ImageView<const Bgr> colour);

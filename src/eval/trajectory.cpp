@@ -2,15 +2,11 @@
 #include "eval/trajectory.h"
 
 #include <algorithm>
-#include <cerrno>
 #include <charconv>
 #include <cmath>
-#include <cstdio>
-#include <cstring>
-#include <filesystem>
-#include <fstream>
 
 #include "core/text_table.h"
+#include "core/whole_file.h"
 
 namespace stillmap {
 
@@ -84,30 +80,16 @@ Result<std::vector<StampedPose>> read_trajectory(const std::string& path) {
 
 Status write_trajectory(const std::string& path, std::span<const StampedPose> poses,
                         const std::string& header_line) {
-  std::error_code ignored;
-  const bool in_place =
-      std::filesystem::exists(path, ignored) && !std::filesystem::is_regular_file(path, ignored);
-  const std::string target = in_place ? path : path + ".part";
-  const auto failed = [&] {
-    const std::string reason = std::strerror(errno);
-    if (!in_place) std::filesystem::remove(target, ignored);
-    return Error{ExitCode::RunFailed, path + ": the trajectory cannot be written: " + reason};
-  };
-  std::ofstream file(target, std::ios::binary);
-  file << "# " << header_line << "\n# timestamp tx ty tz qx qy qz qw\n";
-  std::string line;
+  std::string text = "# " + header_line + "\n# timestamp tx ty tz qx qy qz qw\n";
   for (const StampedPose& pose : poses) {
     const Vec3& t = pose.T_world_camera.t;
     const Quaternion q = quaternion_from(pose.T_world_camera.R);
-    line = stamp_text(pose.stamp_ns);
-    for (const double v : {t.x, t.y, t.z}) append_number(line, v, 6);
-    for (const double v : {q.x, q.y, q.z, q.w}) append_number(line, v, 8);
-    file << line << '\n';
+    text += stamp_text(pose.stamp_ns);
+    for (const double v : {t.x, t.y, t.z}) append_number(text, v, 6);
+    for (const double v : {q.x, q.y, q.z, q.w}) append_number(text, v, 8);
+    text += '\n';
   }
-  file.close();
-  if (!file) return failed();
-  if (!in_place && std::rename(target.c_str(), path.c_str()) != 0) return failed();
-  return {};
+  return write_whole(path, text);
 }
 
 }  // namespace stillmap

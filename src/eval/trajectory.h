@@ -26,9 +26,7 @@ Result<std::vector<StampedPose>> read_trajectory(const std::string& path);
 
 /// Writes the same format with a fixed number of decimals (stamps to 1 ns, positions to 1 um, quaternions to
 /// 1e-8 with qw >= 0), so that equal poses are equal bytes. `header_line` (one line, no '#') names the frames
-/// and the convention and comes first as a comment. The file appears whole or not at all: a temporary name
-/// beside it, then rename; what is no regular file (/dev/null) is written to directly. The error (RunFailed)
-/// names file and reason.
+/// and the convention and comes first as a comment. Whole or not at all (WholeFile).
 Status write_trajectory(const std::string& path, std::span<const StampedPose> poses,
                         const std::string& header_line);
 

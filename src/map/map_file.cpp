@@ -114,8 +114,9 @@ std::uint64_t calibration_hash(const CameraModel& c) {
   return fnv1a(numbers.data(), sizeof(numbers));
 }
 
-MapFileWriter::MapFileWriter(const std::string& path, const MapFacts& facts, Nanoseconds timeout_ns)
-    : file_(path, timeout_ns) {
+MapFileWriter::MapFileWriter(const std::string& path, const MapFacts& facts, Nanoseconds timeout_ns,
+                             EarlierFile* earlier)
+    : file_(path, timeout_ns, earlier) {
   Header header;
   header.voxel_m = facts.voxel_m;
   header.camera_hash = facts.camera_hash;

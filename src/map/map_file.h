@@ -11,8 +11,8 @@
 #include "core/arena.h"
 #include "core/camera.h"
 #include "core/status.h"
+#include "core/whole_file.h"
 #include "map/block_table.h"
-#include "map/whole_file.h"
 
 namespace stillmap {
 
@@ -38,7 +38,8 @@ std::uint64_t calibration_hash(const CameraModel& camera);
 class MapFileWriter {
  public:
   MapFileWriter(const std::string& path, const MapFacts& facts,
-                Nanoseconds timeout_ns = std::numeric_limits<Nanoseconds>::max());
+                Nanoseconds timeout_ns = std::numeric_limits<Nanoseconds>::max(),
+                EarlierFile* earlier = nullptr);
   void append(const Block& block, std::span<const Voxel, kBlockVoxels> voxels);
   /// After all blocks; may come in parts.
   void append_keyframes(std::span<const std::byte> bytes);

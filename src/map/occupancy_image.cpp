@@ -8,6 +8,8 @@
 #include <filesystem>
 #include <limits>
 
+#include "core/whole_file.h"
+
 namespace stillmap {
 
 namespace {

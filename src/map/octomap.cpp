@@ -9,7 +9,7 @@
 #include <span>
 #include <vector>
 
-#include "map/whole_file.h"
+#include "core/whole_file.h"
 
 namespace stillmap {
 

@@ -5,8 +5,6 @@
 #include <bit>
 #include <cstring>
 
-#include "map/whole_file.h"
-
 namespace stillmap {
 
 namespace {
@@ -17,8 +15,9 @@ constexpr std::size_t kVertexBytes = 3 * sizeof(float) + 3;
 
 }  // namespace
 
-Status write_ply(const BlockTable& blocks, double voxel_m, const std::string& path, Nanoseconds timeout_ns) {
-  WholeFile file(path, timeout_ns);
+Status write_ply(const BlockTable& blocks, double voxel_m, const std::string& path, Nanoseconds timeout_ns,
+                 EarlierFile* earlier) {
+  WholeFile file(path, timeout_ns, earlier);
   const std::string header =
       "ply\nformat binary_little_endian 1.0\ncomment Stillmap voxel centres in m, map frame\nelement "
       "vertex " +

@@ -6,6 +6,7 @@
 
 #include "core/status.h"
 #include "core/time.h"
+#include "core/whole_file.h"
 #include "map/block_table.h"
 
 namespace stillmap {
@@ -15,6 +16,7 @@ namespace stillmap {
 /// `timeout_ns`. Errors (exit code 1) name the file and the mend. While nobody changes the map; uses the
 /// heap.
 Status write_ply(const BlockTable& blocks, double voxel_m, const std::string& path,
-                 Nanoseconds timeout_ns = std::numeric_limits<Nanoseconds>::max());
+                 Nanoseconds timeout_ns = std::numeric_limits<Nanoseconds>::max(),
+                 EarlierFile* earlier = nullptr);
 
 }  // namespace stillmap

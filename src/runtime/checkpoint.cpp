@@ -3,17 +3,17 @@
 
 #include <spdlog/spdlog.h>
 
+#include <limits>
 #include <utility>
+
+#include "runtime/saved_map.h"
 
 namespace stillmap {
 
-MapFacts map_facts(const Config& config) {
-  // The map begins at the base, whose z axis points up.
-  return {config.map.voxel_m, calibration_hash(config.camera), config.mount.T_base_camera.has_value()};
-}
-
-Checkpoint::Checkpoint(const Config& config, std::string path, MapStage& map, KeyframeCopier& keyframes)
+Checkpoint::Checkpoint(const Config& config, std::string path, EarlierFile& earlier, MapStage& map,
+                       KeyframeCopier& keyframes)
     : path_(std::move(path)),
+      earlier_(earlier),
       facts_(map_facts(config)),
       every_ns_(is_map_file(path_) ? static_cast<Nanoseconds>(config.map.checkpoint_s * 1e9) : 0),
       blocks_(map.copier()),
@@ -28,7 +28,7 @@ void Checkpoint::tick(Nanoseconds now) {
     write_ready();
   } else if (now - last_ns_ >= every_ns_) {
     last_ns_ = now;
-    writer_.emplace(path_, facts_);
+    writer_.emplace(path_, facts_, std::numeric_limits<Nanoseconds>::max(), &earlier_);
     blocks_done_ = false;
     blocks_.begin();
   }

@@ -11,18 +11,13 @@
 
 namespace stillmap {
 
-/// Whether a path names the project's own map format.
-inline bool is_map_file(const std::string& path) {
-  return path.ends_with(".stillmap");
-}
-MapFacts map_facts(const Config& config);
-
 /// Keeps evicted blocks, and writes the map to its file every `map.checkpoint_s` while the run goes on, from
 /// the blocks and then the keyframes that copiers hand over. The health thread's; uses the heap.
 class Checkpoint {
  public:
   /// Writes nothing where `path` is no .stillmap file or the key is 0.
-  Checkpoint(const Config& config, std::string path, MapStage& map, KeyframeCopier& keyframes);
+  Checkpoint(const Config& config, std::string path, EarlierFile& earlier, MapStage& map,
+             KeyframeCopier& keyframes);
   void tick(Nanoseconds now);
 
  private:
@@ -30,6 +25,7 @@ class Checkpoint {
   void write_ready();
 
   std::string path_;
+  EarlierFile& earlier_;
   MapFacts facts_;
   Nanoseconds every_ns_;
   MapCopier& blocks_;

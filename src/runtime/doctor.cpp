@@ -13,6 +13,7 @@
 #include <thread>
 
 #include "runtime/capture.h"
+#include "runtime/memory_lock.h"
 
 namespace stillmap {
 
@@ -69,17 +70,7 @@ void governors(const fs::path& root, std::vector<Finding>& findings) {
                       "echo performance | sudo tee /sys/devices/system/cpu/cpu*/cpufreq/scaling_governor"});
 }
 
-/// Whether this process has a capability (capabilities(7)); root in a container may lack it.
-bool has_capability(int number) {
-  std::ifstream status("/proc/self/status");
-  for (std::string word; status >> word;) {
-    std::uint64_t effective = 0;
-    if (word == "CapEff:" && status >> std::hex >> effective) return (effective >> number & 1) != 0;
-  }
-  return false;
-}
-
-Finding limit_of(int resource, int capability, const std::string& name, rlim_t enough,
+Finding limit_of(int resource, unsigned capability, const std::string& name, rlim_t enough,
                  const std::string& mend) {
   rlimit limit{};
   getrlimit(static_cast<__rlimit_resource_t>(resource), &limit);

@@ -3,6 +3,8 @@
 
 #include <spdlog/fmt/fmt.h>
 
+#include <array>
+
 #include "runtime/load_shedder.h"
 
 namespace stillmap {
@@ -82,30 +84,17 @@ Words words_of(EventCode code) {
   return {kWarning, true, "{a}"};
 }
 
-const char* words_of(DropReason reason) {
-  switch (reason) {
-    using enum DropReason;
-    case MissingFile:
-      return "the list names a picture that is not there";
-    case CorruptColour:
-      return "the colour picture cannot be decoded";
-    case CorruptDepth:
-      return "the depth picture cannot be decoded";
-    case WrongSize:
-      return "not of camera.width x camera.height = {width} x {height} px";
-    case NoDepthMatch:
-      return "no depth picture of the same moment";
-    case NoFreeSlot:
-      return "every frame of the pool was in use";
-    case TrackerBehind:
-      return "the tracker went on to a newer one";
-    case TimeJump:
-      return "the stamp is not later than the one before";
-    case DriverDropped:
-      return "lost by the camera or its driver";
-  }
-  return "";
-}
+// By DropReason.
+constexpr std::array<const char*, kDropReasonCount> kDropWords{
+    "the list names a picture that is not there",
+    "the colour picture cannot be decoded",
+    "the depth picture cannot be decoded",
+    "not of camera.width x camera.height = {width} x {height} px",
+    "no depth picture of the same moment",
+    "every frame of the pool was in use",
+    "the tracker went on to a newer one",
+    "the stamp is not later than the one before",
+    "lost by the camera or its driver"};
 
 }  // namespace
 
@@ -126,8 +115,8 @@ LogWords event_words(const Event& event, const Config& config, const char* refus
 
 std::string drop_words(DropReason reason, const CameraModel& camera) {
   return fmt::format("{} ({})", to_string(reason),
-                     fmt::format(fmt::runtime(words_of(reason)), fmt::arg("width", camera.width),
-                                 fmt::arg("height", camera.height)));
+                     fmt::format(fmt::runtime(kDropWords[static_cast<std::size_t>(reason)]),
+                                 fmt::arg("width", camera.width), fmt::arg("height", camera.height)));
 }
 
 }  // namespace stillmap

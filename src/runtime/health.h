@@ -17,7 +17,8 @@ class Health {
   explicit Health(RunContext& context)
       : context_(context),
         on_abort_(context.flight),
-        checkpoint_(context.config, context.options.map, context.stages.map, context.stages.track.copier()) {}
+        checkpoint_(context.config, context.options.map, context.earlier_map, context.stages.map,
+                    context.stages.track.copier()) {}
   void warn(const std::string& words);
   /// To the service manager: every stage has started.
   void ready() { notifier_.ready(); }

@@ -2,7 +2,6 @@
 #include <utility>
 #include <vector>
 
-#include "runtime/capture.h"
 #include "runtime/health.h"
 #include "runtime/heap_count.h"
 #include "runtime/run_context.h"
@@ -39,8 +38,7 @@ class DelayedDetections {
 }  // namespace
 
 void run_lockstep(RunContext& context) {
-  Capture capture(context.driver, context.config.camera, context.stages.frames, context.counters,
-                  context.capture_log, context.events_of(Stage::Capture), context.options.duration_s);
+  Capture capture = context.capture();
   Health health(context);
   const DetectorTiming& timing = context.options.detector;
   DelayedDetections delayed(timing.delay);

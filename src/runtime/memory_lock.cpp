@@ -22,12 +22,6 @@ constexpr bool kSanitized = true;
 constexpr bool kSanitized = false;
 #endif
 
-bool has_lock_capability() {
-  __user_cap_header_struct header{.version = _LINUX_CAPABILITY_VERSION_3, .pid = 0};
-  std::array<__user_cap_data_struct, 2> data{};
-  return syscall(SYS_capget, &header, data.data()) == 0 && (data[0].effective & (1U << CAP_IPC_LOCK)) != 0;
-}
-
 /// Reads the program's own code and constants in, by a byte of each page: they are the first object's.
 int touch_program(dl_phdr_info* program, std::size_t, void*) {
   constexpr std::size_t kPage = 4096;
@@ -44,6 +38,13 @@ int touch_program(dl_phdr_info* program, std::size_t, void*) {
 
 }  // namespace
 
+bool has_capability(unsigned number) {
+  __user_cap_header_struct header{.version = _LINUX_CAPABILITY_VERSION_3, .pid = 0};
+  std::array<__user_cap_data_struct, 2> data{};
+  return syscall(SYS_capget, &header, data.data()) == 0 &&
+         (data[number / 32].effective & (1U << number % 32)) != 0;
+}
+
 std::string lock_memory() {
   if constexpr (kSanitized) return {};
   dl_iterate_phdr(touch_program, nullptr);
@@ -54,7 +55,7 @@ std::string lock_memory() {
       "running "
       "unlocked";
   // With a limit, locking may succeed now and make a later allocation fail.
-  if (limit.rlim_cur != RLIM_INFINITY && !has_lock_capability())
+  if (limit.rlim_cur != RLIM_INFINITY && !has_capability(CAP_IPC_LOCK))
     return "memory.lock: this process may lock " + std::to_string(limit.rlim_cur / 1024) + " KB" + mend;
   if (mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) == 0) return {};
   return std::string("memory.lock: ") + std::strerror(errno) + mend;

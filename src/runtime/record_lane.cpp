@@ -10,12 +10,6 @@
 
 namespace stillmap {
 
-namespace {
-
-constexpr Nanoseconds kIdleWait = 50'000'000;
-
-}  // namespace
-
 RecordLane::RecordLane(Recorder& recorder, int capacity, RunCounters& counters)
     : recorder_(recorder),
       capacity_(static_cast<std::size_t>(capacity)),

@@ -162,8 +162,8 @@ std::string make_report(const RunContext& context, const ReportFacts& facts) {
                           {"decode", quantiles(context.capture_log.decode_time)},
                           {"track", quantiles(context.track_log.track_time)},
                           {"track_cpu", quantiles(context.track_log.track_cpu_time)},
-                          {"adjust", quantiles(context.adjust_log.run_time)},
-                          {"detect", quantiles(context.detect_log.run_time)},
+                          {"adjust", quantiles(context.adjust_time)},
+                          {"detect", quantiles(context.detect_time)},
                           {"fuse", quantiles(context.stages.map.fuse_time())},
                           {"fuse_cpu", quantiles(context.stages.map.fuse_cpu_time())}};
   if (!context.driver.describe().is_log) report["capture"] = capture_part(context.capture_log);
@@ -180,7 +180,7 @@ std::string make_report(const RunContext& context, const ReportFacts& facts) {
                         {"runs", c.detector_runs.load()},
                         {"failures", c.detector_failures.load()},
                         {"frames_skipped", c.detector_skipped.load()},
-                        {"latency_ms", quantiles(context.detect_log.run_time)},
+                        {"latency_ms", quantiles(context.detect_time)},
                         {"frames_with_fresh_boxes", boxes.fresh},
                         {"frames_with_carried_boxes", boxes.carried},
                         {"frames_without_boxes", boxes.none}};

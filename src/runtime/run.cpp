@@ -5,28 +5,22 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
-#include <array>
-#include <cmath>
 #include <csignal>
 #include <ctime>
 #include <filesystem>
+#include <memory>
 #include <optional>
-#include <span>
+#include <utility>
 #include <vector>
 
 #include "detect/model_file.h"
-#include "eval/accuracy.h"
-#include "eval/consistency.h"
-#include "map/map_file.h"
-#include "map/ply.h"
-#include "runtime/checkpoint.h"
 #include "runtime/heap_count.h"
 #include "runtime/log_sink.h"
 #include "runtime/memory_lock.h"
 #include "runtime/memory_use.h"
-#include "runtime/output_file.h"
-#include "runtime/report.h"
-#include "runtime/run_context.h"
+#include "runtime/outputs.h"
+#include "runtime/run_plan.h"
+#include "runtime/saved_map.h"
 #include "runtime/source.h"
 
 namespace stillmap {
@@ -56,18 +50,34 @@ double process_cpu_s() {
   return static_cast<double>(t.tv_sec) + static_cast<double>(t.tv_nsec) * 1e-9;
 }
 
-/// Refuses before the run what could only fail after it.
-Status check_outputs(const RunOptions& o, const Config& config) {
-  for (const std::string* path :
-       {&o.trajectory, &o.trajectory_final, &o.map, &o.report, &config.runtime.flight_recorder}) {
-    if (path->empty()) continue;
-    if (Status s = check_writable(*path); !s.ok()) return s;
+/// Without a source the first camera is taken, without a profile of it its lens is guessed, and without its
+/// own map to go on in, a run begins one.
+Result<RunOptions> complete(RunOptions options) {
+  if (options.source.empty()) {
+    const std::vector<FoundSource> found = find_sources();
+    const auto usable = std::ranges::find_if(found, [](const auto& f) { return !f.uri.empty(); });
+    if (usable == found.end()) {
+      return Error{
+          ExitCode::RunFailed,
+          "no camera found; plug one in (`stillmap doctor` looks for what is in its way), or play a log "
+          "with --source tum:DIR"};
+    }
+    options.source = usable->uri;
+    spdlog::info("source: {} ({})", usable->uri, usable->description);
   }
-  if (!o.map.empty() && !o.map.ends_with(".ply") && !is_map_file(o.map)) {
-    return Error{ExitCode::WrongConfig,
-                 "--map " + o.map + ": expected a file name that ends in .stillmap or .ply"};
+  if (lacks_profile(options)) {
+    const NominalProfile nominal = nominal_profile(options.source);
+    options.overrides.insert(options.overrides.begin(), nominal.overrides.begin(), nominal.overrides.end());
+    spdlog::warn("{}", nominal.warning);
   }
-  return {};
+  // A service goes on in its own map; the first time there is none.
+  std::error_code unused;
+  if (!options.resume.empty() && options.resume == options.map &&
+      std::filesystem::status(options.resume, unused).type() == std::filesystem::file_type::not_found) {
+    spdlog::info("resume: {} is not there yet; a new map begins", options.resume);
+    options.resume.clear();
+  }
+  return options;
 }
 
 Status check_mode(RunMode mode, bool is_log) {
@@ -77,156 +87,105 @@ Status check_mode(RunMode mode, bool is_log) {
                       : std::string("--mode ") + to_string(mode) + " is for logs; a camera runs live"};
 }
 
-/// How many poses the outputs tell of; without any of them, none is kept.
-std::size_t poses_to_keep(const RunOptions& o, const Config& config, std::size_t log_frames) {
-  const bool written = !o.trajectory.empty() || !o.trajectory_final.empty();
-  if (!written && o.groundtruth.empty()) return 0;
-  constexpr double kOfACamera_s = 1800;
-  if (log_frames == 0) return static_cast<std::size_t>(kOfACamera_s * config.mount.fps);
-  return written ? log_frames * static_cast<std::size_t>(o.loops) : log_frames;
-}
+/// What a run works on, all of it read and checked.
+struct Inputs {
+  RunOptions options;
+  LoadedConfig loaded;
+  std::vector<StampedPose> groundtruth;
+  std::optional<MapFile> resumed;
+  OpenedSource source;
+  bool is_log = false;
+  RunMode mode = RunMode::Realtime;
+  ModelFile model;
+  std::unique_ptr<Detector> detector;  // null: none
 
-RunMode mode_of(const RunOptions& o, bool is_log) {
-  return o.mode.value_or(is_log ? RunMode::Realtime : RunMode::Live);
-}
+  const Config& config() const { return loaded.config; }
+};
 
-/// Only a map file has room for what the table has not.
-std::size_t kept_blocks(const RunOptions& o, const Config& config) {
-  return is_map_file(o.map) ? static_cast<std::size_t>(config.map.kept_blocks) : 0;
-}
-
-Stages::Parts parts_of(const RunOptions& o, const Config& config, bool detector, bool is_log,
-                       std::size_t log_frames) {
-  return {.detector = detector,
-          .stream = config.stream.listen != "off",
-          .log = is_log,
-          .lockstep_delay = mode_of(o, is_log) == RunMode::Lockstep ? o.detector.delay : 0,
-          .recorder_frames = o.record.empty() ? 0 : RecordLane::frames_held(config.record.buffer_frames),
-          .trajectory_poses = poses_to_keep(o, config, log_frames),
-          .kept_blocks = kept_blocks(o, config),
-          .final_trajectory = !o.trajectory_final.empty(),
-          .groundtruth = !o.groundtruth.empty()};
-}
-
-/// The poses of a log's first pass: ground truth knows no other.
-std::span<const StampedPose> first_pass(const RunContext& context, const std::vector<Nanoseconds>& stamps) {
-  const std::span<const StampedPose> all(context.track_log.causal);
-  if (stamps.empty()) return all;
-  const Nanoseconds last = *std::max_element(stamps.begin(), stamps.end());
-  const auto beyond =
-      std::find_if(all.begin(), all.end(), [&](const StampedPose& p) { return p.stamp_ns > last; });
-  return all.first(static_cast<std::size_t>(beyond - all.begin()));
-}
-
-/// As everything is known at the end.
-std::vector<StampedPose> final_poses(const RunContext& context) {
-  const auto last = std::make_unique<Correction>();
-  context.stages.track.tracker().describe_keyframes(*last);
-  context.stages.final_trajectory.correct(*last);
-  return context.stages.final_trajectory.poses();
-}
-
-Status write_map(const RunContext& context, Nanoseconds timeout_ns) {
-  MapFileWriter file(context.options.map, map_facts(context.config), timeout_ns);
-  append_blocks(context.stages.map.map().blocks(), file);
-  context.stages.map.kept().append_to(file);
-  const TrackStage& track = context.stages.track;
-  std::vector<std::byte> bytes(KeyframeWriter::kLargestRecord);
-  for (KeyframeWriter keyframes; !keyframes.done(track.tracker().local_map());) {
-    const std::size_t size = keyframes.write(track.tracker().local_map(), track.T_map_odom(), bytes);
-    file.append_keyframes(std::span(bytes).first(size));
+/// The network, or word why there is none.
+Status open_detector(Inputs& in) {
+  Result<ModelFile> model = find_model(in.config().detector);
+  if (!model.ok()) return model.error();
+  in.model = std::move(model.value());
+  if (in.model.path.empty()) {
+    spdlog::warn("{}", in.model.warning.empty()
+                           ? "detector.model is \"none\": nothing that moves is recognised by what it is"
+                           : in.model.warning);
+    return {};
   }
-  return file.finish();
-}
-
-/// The map to go on in, where it fits the run.
-Result<MapFile> read_resumed(const RunOptions& o, const Config& config) {
-  Result<MapFile> map = read_map_file(o.resume);
-  if (!map.ok()) return map;
-  const auto wrong = [&](const std::string& what) {
-    return Error{ExitCode::WrongConfig, "--resume " + o.resume + ": " + what};
-  };
-  const MapFacts &its = map.value().facts, own = map_facts(config);
-  if (its.camera_hash != own.camera_hash)
-    return wrong(
-        "was mapped with another camera calibration; run with the camera file that it was mapped with");
-  if (its.voxel_m != own.voxel_m)
-    return wrong(fmt::format("has voxels of {:g} m, map.voxel_m is {:g} m; add --set map.voxel_m={:g}",
-                             its.voxel_m, own.voxel_m, its.voxel_m));
-  if (its.z_is_up != own.z_is_up)
-    return wrong(its.z_is_up ? "was mapped with camera.T_base_camera set; set it as it was"
-                             : "was mapped without camera.T_base_camera; leave it out");
-  const std::size_t blocks = map.value().blocks->blocks_used(), kept = kept_blocks(o, config);
-  if (blocks > static_cast<std::size_t>(config.map.capacity_voxels / kBlockVoxels) + kept)
-    return wrong(fmt::format("holds {} blocks; raise map.capacity_voxels to {} or more{}", blocks,
-                             (blocks - kept) * kBlockVoxels,
-                             is_map_file(o.map) ? fmt::format(", or map.kept_blocks to {}", blocks) : ""));
-  return map;
-}
-
-/// Fills the stages with a map that `read_resumed` has let through.
-Status resume(const RunOptions& o, const MapFile& map, Stages& stages) {
-  if (Status s = stages.track.resume(map.keyframes); !s.ok())
-    return Error{s.error().exit_code, "--resume " + o.resume + ": " + s.error().message};
-  STILLMAP_CHECK(stages.map.resume(*map.blocks, stages.track.tracker().local_map().keyframes()));
+  Result<std::unique_ptr<Detector>> opened = Detector::open(in.config(), in.model);
+  if (!opened.ok()) return opened.error();
+  in.detector = std::move(opened.value());
+  in.model.bytes = {};
+  if (!in.detector->class_warnings().empty()) spdlog::warn("{}", in.detector->class_warnings());
   return {};
 }
 
-/// A run without a pose leaves earlier outputs as they are, but for the report, which counts why.
-Status write_outputs(const RunContext& context, ReportFacts& facts,
-                     const std::vector<StampedPose>& groundtruth, const std::vector<Nanoseconds>& stamps) {
-  const RunOptions& o = context.options;
-  const std::string header =
-      "stamp tx ty tz qx qy qz qw: T_map_camera (camera x right, y down, z forward; metres; stamps of the "
-      "source)";
-  Status first;
-  const auto keep_first = [&](const Status& s) {
-    if (!s.ok() && first.ok()) first = s;
-  };
-  const bool results = context.counters.posed() > 0;
-  if (results && !o.trajectory.empty())
-    keep_first(write_trajectory(o.trajectory, context.track_log.causal, header));
-  if (results && !o.trajectory_final.empty())
-    keep_first(write_trajectory(o.trajectory_final, final_poses(context), header));
-  if (results && !o.map.empty()) {
-    const auto timeout_ns = static_cast<Nanoseconds>(context.config.map.save_timeout_s * 1e9);
-    context.stages.map.finish_correction();
-    const VoxelMap& map = context.stages.map.map();
-    keep_first(is_map_file(o.map) ? write_map(context, timeout_ns)
-                                  : write_ply(map.blocks(), map.voxel_m(), o.map, timeout_ns));
+/// The cheap before the dear, and all before anything is made.
+Status open_inputs(const RunOptions& asked, Inputs& in) {
+  Result<RunOptions> completed = complete(asked);
+  if (!completed.ok()) return completed.error();
+  const RunOptions& o = in.options = std::move(completed.value());
+  Result<LoadedConfig> loaded = load_config_of_model(o.configs, o.overrides);
+  if (!loaded.ok()) return loaded.error();
+  in.loaded = std::move(loaded.value());
+  if (!o.listen.empty()) in.loaded.config.stream.listen = o.listen;
+  if (Status s = check_outputs(o, in.config()); !s.ok()) return s;
+  if (!o.groundtruth.empty()) {
+    Result<std::vector<StampedPose>> read = read_trajectory(o.groundtruth);
+    if (!read.ok()) return read.error();
+    in.groundtruth = std::move(read.value());
   }
-  if (results && !groundtruth.empty()) {
-    const std::span<const StampedPose> poses = first_pass(context, stamps);
-    const Result<Accuracy> accuracy = evaluate(groundtruth, poses, stamps);
-    if (accuracy.ok()) {
-      facts.accuracy = accuracy.value();
-      const std::span<const std::array<double, 36>> covariances(context.track_log.covariances);
-      facts.share_in_ellipsoid = share_in_ellipsoid(
-          groundtruth, poses, covariances.first(std::min(poses.size(), covariances.size())));
-    }
-    if (!accuracy.ok()) spdlog::warn("no accuracy: {}", accuracy.error().message);
+  if (!o.resume.empty()) {
+    Result<MapFile> read = read_resumed(o, in.config());
+    if (!read.ok()) return read.error();
+    in.resumed = std::move(read.value());
   }
-  if (!o.report.empty()) keep_first(write_text(o.report, make_report(context, facts)));
-  return first;
+  Result<OpenedSource> source = open_source(o.source, in.config(), o.loops);
+  if (!source.ok()) return source.error();
+  in.source = std::move(source.value());
+  in.is_log = in.source.driver->describe().is_log;
+  in.mode = mode_of(o, in.is_log);
+  if (Status s = check_mode(in.mode, in.is_log); !s.ok()) return s;
+  return open_detector(in);
 }
 
-void say_summary(const RunContext& context, const ReportFacts& facts) {
-  const RunCounters& c = context.counters;
-  const double wall_s = to_seconds(facts.run_end_ns - facts.run_start_ns);
-  spdlog::info(
-      "{} frames in {:.1f} s: {} before the first pose, {} tracked, {} weak, {} lost; {} keyframes, {} "
-      "voxels",
-      c.processed.load(), wall_s, c.initializing.load(), c.tracked.load(), c.weak.load(), c.lost.load(),
-      c.keyframes.load(), context.stages.map.map().occupied_voxels());
-  if (const std::uint64_t beyond = context.track_log.causal.usage("").refused; beyond > 0)
-    spdlog::warn("{} later poses are in no trajectory; there is room for half an hour", beyond);
-  if (facts.accuracy) {
-    // A source without an end is nowhere covered.
-    const double coverage = facts.accuracy->coverage;
-    spdlog::info("ATE {:.4f} m (RMSE), {:.4f} m (max){}", facts.accuracy->ate_rmse_m,
-                 facts.accuracy->ate_max_m,
-                 std::isnan(coverage) ? std::string() : fmt::format(", coverage {:.3f}", coverage));
-  }
+Status open_stream(StreamServer& stream, const std::string& listen) {
+  if (Status s = stream.open(); !s.ok()) return s;
+  const std::string at = fmt::format("{}:{}", listen.substr(0, listen.rfind(':')), stream.port());
+  spdlog::info("stream: open http://{} or point Foxglove at ws://{}", at, at);
+  return {};
+}
+
+Recorder::Setup recorder_setup(const Inputs& in) {
+  const Config& config = in.config();
+  return {.folder = in.options.record,
+          .width = config.camera.width,
+          .height = config.camera.height,
+          .exact_colour = config.record.colour == "png",
+          .jpeg_quality = config.record.jpeg_quality,
+          .camera_profile = recorded_profile(in.loaded)};
+}
+
+ReportFacts facts_of(const Inputs& in) {
+  ReportFacts facts;
+  facts.source = in.options.source;
+  facts.config_sha256 = sha256_of(config_text(in.loaded));
+  facts.model = in.model.path.empty() ? "none" : in.model.path;
+  facts.model_sha256 = in.model.sha256;
+  return facts;
+}
+
+/// From the first frame to the last, with what that costs.
+void play(RunContext& context, ReportFacts& facts) {
+  facts.rss_start_kb = resident_kb();
+  facts.run_start_ns = monotonic_now();
+  const double cpu_start_s = process_cpu_s();
+  const std::uint64_t faults_before = major_faults();
+  context.mode == RunMode::Lockstep ? run_lockstep(context) : run_threads(context);
+  facts.run_end_ns = monotonic_now();
+  facts.cpu_s = process_cpu_s() - cpu_start_s;
+  facts.major_faults = major_faults() - faults_before;
 }
 
 /// Why a run has nothing to show, and the mend.
@@ -242,39 +201,6 @@ std::string why_no_pose(const RunContext& context) {
 }
 
 }  // namespace
-
-void plan_memory(Arena& planning, const Config& config, const Stages::Parts& parts) {
-  const auto stages = std::make_unique<Stages>(planning, config, parts);
-}
-
-Result<PlannedRun> plan_run(const RunOptions& options) {
-  const Result<LoadedConfig> loaded = load_config_of_model(options.configs, options.overrides);
-  if (!loaded.ok()) return loaded.error();
-  PlannedRun planned{loaded.value().config, {}};
-  Config& config = planned.config;
-  if (!options.listen.empty()) config.stream.listen = options.listen;
-  const std::string& source = options.source;
-  std::size_t log_frames = 0;
-  if (source.starts_with("tum:")) {
-    const Result<OpenedSource> log = open_source(source, config, options.loops);
-    if (!log.ok()) return log.error();
-    log_frames = log.value().stamps.size();
-  }
-  const bool is_log = source.empty() || log_frames > 0 || source.ends_with(".oni");
-  planned.parts = parts_of(options, config, config.detector.model != "none", is_log, log_frames);
-  return planned;
-}
-
-Status check_budget(const Arena& planning, const Config& config) {
-  const double mb = static_cast<double>(planning.bytes_planned()) / 1e6;
-  if (mb <= config.memory.budget_mb) return {};
-  return Error{ExitCode::WrongConfig,
-               fmt::format("the memory plan needs {:.1f} MB, memory.budget_mb is {:.1f} MB; lower "
-                           "map.capacity_voxels, track.keyframes or the camera's resolution, leave out "
-                           "--trajectory, --trajectory-final or --record (`stillmap plan` with the run's "
-                           "options shows the shares), or raise the budget",
-                           mb, config.memory.budget_mb)};
-}
 
 Status run_outcome(const RunContext& context) {
   const std::string& source = context.options.source;
@@ -293,42 +219,6 @@ Status run_outcome(const RunContext& context) {
   return {};
 }
 
-namespace {
-
-/// Without a source the first camera is taken, without a profile of it its lens is guessed, and without its
-/// own map to go on in, a run begins one.
-Result<RunOptions> complete(RunOptions options) {
-  const bool camera = !options.source.starts_with("tum:");
-  if (options.source.empty()) {
-    const std::vector<FoundSource> found = find_sources();
-    const auto usable =
-        std::find_if(found.begin(), found.end(), [](const auto& f) { return !f.uri.empty(); });
-    if (usable == found.end()) {
-      return Error{
-          ExitCode::RunFailed,
-          "no camera found; plug one in (`stillmap doctor` looks for what is in its way), or play a log "
-          "with --source tum:DIR"};
-    }
-    options.source = usable->uri;
-    spdlog::info("source: {} ({})", usable->uri, usable->description);
-  }
-  if (camera && !describes_camera(options.configs)) {
-    const NominalProfile nominal = nominal_profile(options.source);
-    options.overrides.insert(options.overrides.begin(), nominal.overrides.begin(), nominal.overrides.end());
-    spdlog::warn("{}", nominal.warning);
-  }
-  // A service goes on in its own map; the first time there is none.
-  std::error_code unused;
-  if (!options.resume.empty() && options.resume == options.map &&
-      std::filesystem::status(options.resume, unused).type() == std::filesystem::file_type::not_found) {
-    spdlog::info("resume: {} is not there yet; a new map begins", options.resume);
-    options.resume.clear();
-  }
-  return options;
-}
-
-}  // namespace
-
 Status run(const RunOptions& asked) {
   const Nanoseconds process_start_ns = monotonic_now();
   const HeapScope scope(HeapOwner::None);
@@ -336,49 +226,13 @@ Status run(const RunOptions& asked) {
   handle_signals();
   mallopt(M_ARENA_MAX, 1);  // the hot threads take nothing from the heap, and an arena never shrinks
   log_to_stderr();
-  const Result<RunOptions> completed = complete(asked);
-  if (!completed.ok()) return completed.error();
-  const RunOptions& options = completed.value();
-  const Result<LoadedConfig> loaded = load_config_of_model(options.configs, options.overrides);
-  if (!loaded.ok()) return loaded.error();
-  Config config = loaded.value().config;
-  if (!options.listen.empty()) config.stream.listen = options.listen;
-  if (Status s = check_outputs(options, config); !s.ok()) return s;
-
-  std::vector<StampedPose> groundtruth;
-  if (!options.groundtruth.empty()) {
-    Result<std::vector<StampedPose>> read = read_trajectory(options.groundtruth);
-    if (!read.ok()) return read.error();
-    groundtruth = std::move(read.value());
-  }
-  std::optional<MapFile> resumed;
-  if (!options.resume.empty()) {
-    Result<MapFile> read = read_resumed(options, config);
-    if (!read.ok()) return read.error();
-    resumed = std::move(read.value());
-  }
-  Result<OpenedSource> source = open_source(options.source, config, options.loops);
-  if (!source.ok()) return source.error();
-  const bool is_log = source.value().driver->describe().is_log;
-  const RunMode mode = mode_of(options, is_log);
-  if (Status s = check_mode(mode, is_log); !s.ok()) return s;
-  Result<ModelFile> model = find_model(config.detector);
-  if (!model.ok()) return model.error();
-  std::unique_ptr<Detector> detector;
-  if (!model.value().path.empty()) {
-    Result<std::unique_ptr<Detector>> opened = Detector::open(config, model.value());
-    if (!opened.ok()) return opened.error();
-    detector = std::move(opened.value());
-    model.value().bytes = {};
-    if (!detector->class_warnings().empty()) spdlog::warn("{}", detector->class_warnings());
-  } else if (!model.value().warning.empty()) {
-    spdlog::warn("{}", model.value().warning);
-  } else {
-    spdlog::warn("detector.model is \"none\": nothing that moves is recognised by what it is");
-  }
+  Inputs in;
+  if (Status s = open_inputs(asked, in); !s.ok()) return s;
+  const Config& config = in.config();
+  RgbdDriver& driver = *in.source.driver;
 
   const Stages::Parts parts =
-      parts_of(options, config, detector != nullptr, is_log, source.value().stamps.size());
+      parts_of(in.options, config, in.detector != nullptr, in.is_log, in.source.stamps.size());
   Arena planning;
   plan_memory(planning, config, parts);
   if (Status s = check_budget(planning, config); !s.ok()) return s;
@@ -386,69 +240,41 @@ Status run(const RunOptions& asked) {
   Arena arena(planning.bytes_planned());
   const auto stages = std::make_unique<Stages>(arena, config, parts);
   if (parts.kept_blocks > 0) {
-    if (Status s = stages->map.kept().open(options.map); !s.ok()) return s;
+    if (Status s = stages->map.kept().open(in.options.map); !s.ok()) return s;
   }
-  if (resumed) {
-    if (Status s = resume(options, *resumed, *stages); !s.ok()) return s;
-    resumed.reset();
+  if (in.resumed) {
+    if (Status s = resume(in.options.resume, *in.resumed, *stages); !s.ok()) return s;
+    in.resumed.reset();
   }
   if (stages->stream) {
-    if (Status s = stages->stream->open(); !s.ok()) return s;
-    const std::string& listen = config.stream.listen;
-    const std::string at = fmt::format("{}:{}", listen.substr(0, listen.rfind(':')), stages->stream->port());
-    spdlog::info("stream: open http://{} or point Foxglove at ws://{}", at, at);
+    if (Status s = open_stream(*stages->stream, config.stream.listen); !s.ok()) return s;
   }
-
-  const auto context = std::make_unique<RunContext>(config, options, mode, *source.value().driver,
-                                                    detector.get(), *stages, stop_requested);
-  if (!options.resume.empty()) context->counters.state = static_cast<int>(TrackState::Lost);
-  context->source_news = source.value().news.get();
-  std::unique_ptr<Recorder> recorder;
-  std::unique_ptr<RecordLane> record;
-  if (!options.record.empty()) {
-    recorder =
-        std::make_unique<Recorder>(Recorder::Setup{.folder = options.record,
-                                                   .width = config.camera.width,
-                                                   .height = config.camera.height,
-                                                   .exact_colour = config.record.colour == "png",
-                                                   .jpeg_quality = config.record.jpeg_quality,
-                                                   .camera_profile = recorded_profile(loaded.value())});
+  const auto context = std::make_unique<RunContext>(config, in.options, in.mode, driver, in.detector.get(),
+                                                    *stages, stop_requested);
+  if (!in.options.resume.empty()) context->counters.state = static_cast<int>(TrackState::Lost);
+  context->source_news = in.source.news.get();
+  std::optional<Recorder> recorder;
+  std::optional<RecordLane> record;
+  if (!in.options.record.empty()) {
+    recorder.emplace(recorder_setup(in));
     if (Status s = recorder->open(); !s.ok()) return s;
-    record = std::make_unique<RecordLane>(*recorder, config.record.buffer_frames, context->counters);
-    context->record = record.get();
+    context->record = &record.emplace(*recorder, config.record.buffer_frames, context->counters);
   }
-  if (Status s = source.value().driver->start(); !s.ok()) return s;
+  if (Status s = driver.start(); !s.ok()) return s;
   if (config.memory.lock) {
     if (const std::string warning = lock_memory(); !warning.empty()) spdlog::warn("{}", warning);
   }
 
-  ReportFacts facts;
-  facts.source = options.source;
-  facts.config_sha256 = sha256_of(config_text(loaded.value()));
-  facts.model = model.value().path.empty() ? "none" : model.value().path;
-  facts.model_sha256 = model.value().sha256;
+  ReportFacts facts = facts_of(in);
   facts.planned_bytes = arena.bytes_planned();
-  facts.rss_start_kb = resident_kb();
   facts.process_start_ns = process_start_ns;
-  facts.run_start_ns = monotonic_now();
-  const double cpu_start_s = process_cpu_s();
-  const std::uint64_t faults_before = major_faults();
-  if (mode == RunMode::Lockstep) {
-    run_lockstep(*context);
-  } else {
-    run_threads(*context);
-  }
-  facts.run_end_ns = monotonic_now();
-  facts.cpu_s = process_cpu_s() - cpu_start_s;
-  facts.major_faults = major_faults() - faults_before;
-  source.value().driver->stop();
-  if (record != nullptr) record->finish();
+  play(*context, facts);
+  driver.stop();
+  if (record) record->finish();
   if (stages->stream) stages->stream->stop();
-
-  Status written = write_outputs(*context, facts, groundtruth, source.value().stamps);
+  Status written = write_outputs(*context, facts, in.groundtruth, in.source.stamps);
   say_summary(*context, facts);
-  if (!written.ok()) return written;
-  return run_outcome(*context);
+  return written.ok() ? run_outcome(*context) : written;
 }
 
 }  // namespace stillmap

@@ -91,7 +91,7 @@ void adjust_map(RunContext& context) {
   if (context.stages.track.adjustment().waits()) {
     const Nanoseconds begin = monotonic_now();
     context.stages.track.adjustment().work();
-    context.adjust_log.run_time.add(monotonic_now() - begin);
+    context.adjust_time.add(monotonic_now() - begin);
   }
   context.stages.track.loops().work();
 }
@@ -129,7 +129,7 @@ bool detect_frame(RunContext& context, const FrameSlot& frame, Detections& out) 
   if (ok) {
     measure_depths(out, frame.depth, context.config.camera);
     RunCounters::bump(context.counters.detector_runs);
-    context.detect_log.run_time.add(monotonic_now() - begin);
+    context.detect_time.add(monotonic_now() - begin);
   } else {
     RunCounters::bump(context.counters.detector_failures);
     context.emit(Stage::Detect, EventCode::DetectorFailed, frame.sequence, 0);

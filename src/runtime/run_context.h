@@ -7,8 +7,10 @@
 
 #include "core/config.h"
 #include "core/event.h"
+#include "core/whole_file.h"
 #include "detect/detector.h"
 #include "drivers/rgbd_driver.h"
+#include "runtime/capture.h"
 #include "runtime/flight_recorder.h"
 #include "runtime/load_shedder.h"
 #include "runtime/record_lane.h"
@@ -46,8 +48,7 @@ struct RunContext {
   RunCounters counters;
   TrackLog track_log;
   CaptureLog capture_log;
-  AdjustLog adjust_log;
-  DetectLog detect_log;
+  LatencyHistogram adjust_time, detect_time;  ///< each of its own thread
   std::array<EventRing, kStageCount> events;
   Watchdog watchdog;
   std::uint32_t epoch_passed = 0, segment_told = 0;  ///< the track thread's
@@ -57,11 +58,22 @@ struct RunContext {
   std::function<void(Stage)> on_work;  ///< tests hold a stage up with it; empty in a run
   RecordLane* record = nullptr;        ///< null: nothing is recorded
   SourceNews* source_news = nullptr;   ///< a camera's; null: none
+  EarlierFile earlier_map;             ///< the health thread's, then that of the outputs
   bool source_lost = false;            ///< written by capture, read when the run has ended
 
   /// A full ring counts what it refuses.
   void emit(Stage stage, EventCode code, std::uint64_t sequence, std::int64_t a) {
     static_cast<void>(events_of(stage).try_push({monotonic_now(), stage, code, sequence, a, 0}));
+  }
+  /// For the one thread that takes frames from the driver.
+  Capture capture() {
+    return {driver,
+            config.camera,
+            stages.frames,
+            counters,
+            capture_log,
+            events_of(Stage::Capture),
+            options.duration_s};
   }
   EventRing& events_of(Stage stage) { return events[static_cast<std::size_t>(stage)]; }
 };

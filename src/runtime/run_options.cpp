@@ -4,17 +4,8 @@
 namespace stillmap {
 
 const char* to_string(RunMode mode) {
-  switch (mode) {
-    case RunMode::Live:
-      return "live";
-    case RunMode::Realtime:
-      return "realtime";
-    case RunMode::Fast:
-      return "fast";
-    case RunMode::Lockstep:
-      return "lockstep";
-  }
-  return "?";
+  constexpr std::array<const char*, kRunModes.size()> kNames{"live", "realtime", "fast", "lockstep"};
+  return kNames[static_cast<std::size_t>(mode)];  // in its order
 }
 
 }  // namespace stillmap

@@ -81,16 +81,6 @@ struct TrackLog {
   void note(const TrackingResult& result, TrackState before, Nanoseconds due_ns, RunCounters& counters);
 };
 
-/// What the adjustment's worker keeps.
-struct AdjustLog {
-  LatencyHistogram run_time;
-};
-
-/// What the detector's thread keeps.
-struct DetectLog {
-  LatencyHistogram run_time;
-};
-
 /// What the capture thread keeps.
 struct CaptureLog {
   Nanoseconds decode_cpu_ns = 0;

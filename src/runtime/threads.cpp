@@ -6,6 +6,7 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
+#include <array>
 #include <new>
 #include <utility>
 
@@ -62,23 +63,9 @@ bool go_before_all(int priority) {
 }  // namespace
 
 const char* name_of(ThreadRole role) {
-  switch (role) {
-    case ThreadRole::Decode:
-      return "decode";
-    case ThreadRole::Capture:
-      return "capture";
-    case ThreadRole::Track:
-      return "track";
-    case ThreadRole::Adjust:
-      return "adjust";
-    case ThreadRole::Map:
-      return "map";
-    case ThreadRole::Stream:
-      return "stream";
-    case ThreadRole::Detect:
-      return "detect";
-  }
-  return "?";
+  constexpr std::array kNames{"decode", "capture", "track", "adjust", "map", "stream", "detect"};
+  static_assert(kNames.size() == static_cast<std::size_t>(ThreadRole::Detect) + 1);
+  return kNames[static_cast<std::size_t>(role)];  // in its order
 }
 
 Config::Threads usable_threads(const Config::Threads& asked, std::vector<std::string>& warnings) {

@@ -13,6 +13,9 @@
 
 namespace stillmap {
 
+/// Who waits looks up as often: a lost wake would cost this much and no more, and a wish to stop is seen.
+constexpr Nanoseconds kIdleWait = 50'000'000;
+
 /// Lets one thread sleep until others have work for it, without a lock: a futex on a counter.
 ///
 /// The sleeper takes a ticket, looks for work, and waits with that ticket; a wake between the two makes the

@@ -124,7 +124,7 @@ class Arguments(ProgramTest):
         bad_file.write_text("[track]\nfeaturs = 900\n")
         broken = self.path / "broken.toml"
         broken.write_text("[track\n")
-        for command in (["check"], ["plan"], ["run", "--source", f"tum:{LOG}"]):
+        for command in (["check"], ["plan", "--source", f"tum:{LOG}"], ["run", "--source", f"tum:{LOG}"]):
             for args, words in (
                 ([*CAMERA, "--config", bad_file], ("bad.toml", "track.featurs", "track.features")),
                 ([*CAMERA, "--config", broken], ("broken.toml:", "TOML")),
@@ -282,6 +282,13 @@ class Plan(ProgramTest):
     def test_half_an_hour_of_a_camera_is_kept(self):
         rows, _, _ = self.rows(stillmap("plan", *CAMERA, "--source", "openni2:", "--trajectory", "t.txt").stdout)
         self.assertEqual({name: size for name, size, _ in rows}["trajectory"], 1800 * 30 * 104)
+
+    def test_without_a_profile_the_lens_is_guessed_as_a_run_does(self):
+        for source in ([], ["--source", "v4l2:/dev/video0,/dev/video2"], ["--config", SOURCE / "firmware-config/boards/two-core.toml"]):
+            result = stillmap("plan", *source, *NO_DETECTOR)
+            self.assertEqual(result.returncode, DONE, result.stderr)
+            self.assertIn("no camera profile: planned for 640 x 480 px", result.stderr)
+            self.rows(result.stdout)
 
     def test_over_budget(self):
         over = ["--set", "memory.budget_mb=16"]

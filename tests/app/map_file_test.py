@@ -65,6 +65,20 @@ class MapFiles(ProgramTest):
         self.assertEqual(out.read_bytes(), whole)
         self.assert_error(stillmap("map", "export", file, "--out", "m.obj"), WRONG_CONFIG, ".ply", lines=1)
 
+    def test_a_run_of_few_poses_leaves_the_earlier_map(self):
+        file, _ = self.make("m.stillmap")
+        earlier = file.read_bytes()
+        for number in range(2):  # the second writes over its like
+            result = stillmap(*run_args("--mode", "lockstep", "--map", file, "--duration", "0.04"))
+            self.assertEqual(result.returncode, DONE, result.stderr)
+            self.assertEqual("m.1.stillmap" in result.stderr, number == 0)
+            self.assertEqual((self.path / "m.1.stillmap").read_bytes(), earlier)
+            self.assertLess(2 * file.stat().st_size, len(earlier))
+        file.write_bytes(earlier)
+        # Its first checkpoint is small, its end is not.
+        self.make("m.stillmap", "--set", "map.checkpoint_s=0.1")
+        self.assertEqual(sorted(p.name for p in self.path.iterdir()), ["m.1.stillmap", "m.stillmap", "r.json"])
+
 
 class Evicted(RunningTest):
     """A table too small for the map: what gives way in memory is in the file."""

@@ -6,7 +6,8 @@
 
 #include <algorithm>
 #include <filesystem>
-#include <fstream>
+
+#include "tests/support/temporary_folder.h"
 
 namespace stillmap {
 namespace {
@@ -18,17 +19,7 @@ const std::string kCamera = STILLMAP_SOURCE_DIR "/firmware-config/cameras/tum-fr
 
 class ConfigFiles : public testing::Test {
  protected:
-  ConfigFiles() {
-    std::string name = (std::filesystem::temp_directory_path() / "stillmap-config-XXXXXX").string();
-    folder_ = mkdtemp(name.data());
-  }
-  ~ConfigFiles() override { std::filesystem::remove_all(folder_); }
-  std::string write(const std::string& name, const std::string& text) {
-    const std::filesystem::path path = folder_ / name;
-    std::filesystem::create_directories(path.parent_path());
-    std::ofstream(path) << text;
-    return path.string();
-  }
+  std::string write(const std::string& name, const std::string& text) { return folder_.write(name, text); }
   static Result<LoadedConfig> load(std::vector<std::string> files, std::vector<std::string> sets = {}) {
     files.insert(files.begin(), kCamera);
     return load_config(files, sets);
@@ -49,7 +40,7 @@ class ConfigFiles : public testing::Test {
     EXPECT_NE(found, loaded.entries.end()) << key;
     return found == loaded.entries.end() ? ConfigEntry{} : *found;
   }
-  std::filesystem::path folder_;
+  test::TemporaryFolder folder_;
 };
 
 TEST_F(ConfigFiles, ACameraIsDescribedWhereOneOfItsOwnKeysIsSet) {
@@ -58,7 +49,7 @@ TEST_F(ConfigFiles, ACameraIsDescribedWhereOneOfItsOwnKeysIsSet) {
   EXPECT_FALSE(describes({}));
   EXPECT_FALSE(describes({board}));
   EXPECT_FALSE(describes({board, write("robot.toml", "[camera]\nstall_s = 2\n")}));
-  EXPECT_FALSE(describes({write("broken.toml", "[camera\n"), folder_.string(), "/no/such/file"}));
+  EXPECT_FALSE(describes({write("broken.toml", "[camera\n"), folder_.path(), "/no/such/file"}));
   EXPECT_TRUE(describes({kCamera, board}));
   EXPECT_TRUE(describes({board, write("part.toml", "[camera]\nfx = 500\n")}));
 }
@@ -142,11 +133,10 @@ TEST_F(ConfigFiles, SetRefusesWhatIsNoOverride) {
 
 TEST_F(ConfigFiles, PathsInAFileAreRelativeToIt) {
   EXPECT_EQ(config({write("sub/a.toml", "detector.model = 'models/m.onnx'")}).detector.model,
-            (folder_ / "sub/models/m.onnx").string());
-  EXPECT_EQ(config({write("sub/b.toml", "detector.model = '../m.onnx'")}).detector.model,
-            (folder_ / "m.onnx").string());
+            folder_ / "sub/models/m.onnx");
+  EXPECT_EQ(config({write("sub/b.toml", "detector.model = '../m.onnx'")}).detector.model, folder_ / "m.onnx");
   EXPECT_EQ(config({write("sub/c.toml", "detector.model = 'm.onnx'")}).detector.model,
-            (folder_ / "sub/m.onnx").string());
+            folder_ / "sub/m.onnx");
   EXPECT_EQ(config({write("sub/d.toml", "detector.model = '/opt/m.onnx'")}).detector.model, "/opt/m.onnx");
   EXPECT_EQ(config({write("sub/e.toml", "detector.model = 'none'")}).detector.model, "none");
   EXPECT_EQ(config({write("sub/f.toml", "detector.model = 'auto'")}).detector.model, "auto");
@@ -154,7 +144,7 @@ TEST_F(ConfigFiles, PathsInAFileAreRelativeToIt) {
 
 TEST_F(ConfigFiles, FileErrorsNameTheFileAndTheLine) {
   EXPECT_THAT(error({"/no/such.toml"}), HasSubstr("/no/such.toml: no such configuration file"));
-  EXPECT_THAT(error({folder_.string()}), HasSubstr("no such configuration file"));
+  EXPECT_THAT(error({folder_.path()}), HasSubstr("no such configuration file"));
   EXPECT_THAT(error({""}),
               AllOf(HasSubstr("--config names no file"), HasSubstr("/etc/stillmap/stillmap.env")));
   const std::string broken = write("broken.toml", "[track]\nfeatures = 5 00\n");
@@ -170,7 +160,7 @@ TEST_F(ConfigFiles, FileErrorsNameTheFileAndTheLine) {
               AllOf(HasSubstr(range), HasSubstr("'camera.fx' = 1 "), HasSubstr("from 50 to 5000 px")));
   EXPECT_THAT(error({std::string(300, 'a')}), HasSubstr("no such configuration file"));
   std::filesystem::create_symlink("circle.toml", folder_ / "circle.toml");
-  EXPECT_THAT(error({(folder_ / "circle.toml").string()}), HasSubstr("no such configuration file"));
+  EXPECT_THAT(error({folder_ / "circle.toml"}), HasSubstr("no such configuration file"));
   std::string deep = "a";
   for (int i = 0; i < 16'000; ++i) deep += ".a";
   EXPECT_THAT(error({write("deep.toml", deep + " = 1")}), HasSubstr("unknown key 'a.a.a.a'"));

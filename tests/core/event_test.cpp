@@ -25,6 +25,17 @@ TEST(Event, EveryValueHasAName) {
   expect_names<EventCode>(static_cast<int>(EventCode::SourceTimeJump) + 1);
 }
 
+TEST(Event, ANameIsItsOwnValues) {
+  EXPECT_STREQ(to_string(Stage::Adjust), "adjust");
+  EXPECT_STREQ(to_string(DropReason::NoFreeSlot), "no_free_slot");
+  EXPECT_STREQ(to_string(DropReason::DriverDropped), "driver_dropped");
+  EXPECT_STREQ(to_string(EventCode::DetectorFailed), "detector_failed");
+  EXPECT_STREQ(to_string(EventCode::StageInTime), "stage_in_time");
+  EXPECT_STREQ(to_string(EventCode::SourceBack), "source_back");
+  EXPECT_STREQ(to_string(EventCode::DepthUnregistered), "depth_unregistered");
+  EXPECT_STREQ(to_string(EventCode::SourceTimeJump), "source_time_jump");
+}
+
 TEST(Event, AFullRingCountsWhatItRefused) {
   EventRing ring;
   for (std::uint64_t i = 0; i < 300; ++i) {

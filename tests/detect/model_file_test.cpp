@@ -10,6 +10,7 @@
 #include <fstream>
 
 #include "tests/support/shared_folder.h"
+#include "tests/support/temporary_folder.h"
 
 namespace stillmap {
 namespace {
@@ -28,20 +29,16 @@ class ModelFileTest : public ::testing::Test {
  protected:
   void SetUp() override {
     before_ = std::filesystem::current_path();
-    folder_ = std::filesystem::temp_directory_path() / ("stillmap_models_" + std::to_string(getpid()));
     std::filesystem::create_directories(folder_ / "given");
-    std::filesystem::current_path(folder_);
+    std::filesystem::current_path(folder_.path());
     setenv("STILLMAP_MODELS", (folder_ / "given").c_str(), 1);
   }
   void TearDown() override {
     unsetenv("STILLMAP_MODELS");
     std::filesystem::current_path(before_);
-    std::filesystem::remove_all(folder_);
   }
-  std::string write(const std::filesystem::path& name, const std::string& text) {
-    std::filesystem::create_directories((folder_ / name).parent_path());
-    std::ofstream(folder_ / name, std::ios::binary) << text;
-    return folder_ / name;
+  std::string write(const std::filesystem::path& name, const std::string& text) const {
+    return folder_.write(name, text);
   }
   static Result<ModelFile> find(const std::string& model, const std::string& sha256 = "") {
     Config::Detector detector;
@@ -54,7 +51,8 @@ class ModelFileTest : public ::testing::Test {
     EXPECT_EQ(result.error().exit_code, code);
     EXPECT_THAT(result.error().message, AllOf(HasSubstr(words), Not(HasSubstr("\n"))));
   }
-  std::filesystem::path before_, folder_;
+  std::filesystem::path before_;
+  test::TemporaryFolder folder_;
 };
 
 TEST_F(ModelFileTest, NoneIsNoFileAndNoWarning) {
@@ -68,8 +66,7 @@ TEST_F(ModelFileTest, AutoWithoutAFileWarnsAndGoesOn) {
   const Result<ModelFile> found = find("auto");
   ASSERT_TRUE(found.ok()) << found.error().message;
   if (!found.value().path.empty()) GTEST_SKIP() << "the checkout has a model of its own";
-  EXPECT_THAT(found.value().warning,
-              AllOf(HasSubstr("scripts/get_model.sh"), HasSubstr((folder_ / "given").string())));
+  EXPECT_THAT(found.value().warning, AllOf(HasSubstr("scripts/get_model.sh"), HasSubstr(folder_ / "given")));
 }
 
 TEST_F(ModelFileTest, AutoLooksFirstWhereTheEnvironmentSays) {
@@ -106,7 +103,7 @@ TEST_F(ModelFileTest, RefusesWhatIsNoChecksum) {
 TEST_F(ModelFileTest, RefusesWhatCannotBeRead) {
   expect_refused(find("absent.onnx"), ExitCode::UnreadableInput,
                  "'absent.onnx' cannot be read (No such file");
-  expect_refused(find(folder_), ExitCode::UnreadableInput, "is a folder");
+  expect_refused(find(folder_.path()), ExitCode::UnreadableInput, "is a folder");
   expect_refused(find("/dev/zero"), ExitCode::UnreadableInput, "or a device");
   ASSERT_EQ(mkfifo((folder_ / "pipe.onnx").c_str(), 0600), 0);
   expect_refused(find("pipe.onnx"), ExitCode::UnreadableInput, "a pipe");

@@ -2,7 +2,6 @@
 #include "tests/detect/reference_decode.h"
 
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <cstdio>
@@ -11,22 +10,23 @@
 #include <fstream>
 #include <memory>
 
+#include "tests/support/temporary_folder.h"
+
 namespace stillmap::test {
 
 namespace {
 
 std::vector<Detection> decode_by_reference(const std::string& family, int classes,
                                            std::span<const Tensor> outputs) {
-  const std::filesystem::path file =
-      std::filesystem::temp_directory_path() / ("stillmap_outputs_" + std::to_string(getpid()));
-  std::ofstream out(file, std::ios::binary);
+  const TemporaryFolder folder;
+  std::ofstream out(folder / "outputs", std::ios::binary);
   for (const Tensor& tensor : outputs) {
     out.write(reinterpret_cast<const char*>(tensor.values.data()),
               static_cast<std::streamsize>(tensor.values.size_bytes()));
   }
   out.close();
   std::string command = "/usr/bin/python3 " STILLMAP_SOURCE_DIR "/tests/detect/reference_decode.py " +
-                        family + " " + file.string() + " " + std::to_string(classes);
+                        family + " " + (folder / "outputs") + " " + std::to_string(classes);
   for (const int size : {kPictureWidth, kPictureHeight, kInputWidth, kInputHeight})
     command += " " + std::to_string(size);
   command += " " + std::to_string(kScore) + " " + std::to_string(kIou);
@@ -36,7 +36,6 @@ std::vector<Detection> decode_by_reference(const std::string& family, int classe
                                 &d.box.x1, &d.box.y1) == 6;) {
     found.push_back(d);
   }
-  std::filesystem::remove(file);
   return found;
 }
 

@@ -3,6 +3,7 @@
 
 #include <gmock/gmock.h>
 
+#include <cmath>
 #include <random>
 
 #include "tests/detect/reference_decode.h"
@@ -64,6 +65,42 @@ TEST(YoloDecoder, RefusesTheOtherVersionsOutput) {
   YoloDecoder v8(decoder_setup(kClasses, {8, 16, 32}), YoloDecoder::Version::V8);
   EXPECT_THAT(v5.choose(eight).refusal, HasSubstr("no output [1, 5040, 25], but [1, 24, 1680]"));
   EXPECT_THAT(v8.choose(five).refusal, HasSubstr("no output [1, 24, 1680], but [1, 5040, 25]"));
+}
+
+YoloDecoder yolox(int classes) {
+  return {decoder_setup(classes, {8, 16, 32}), YoloDecoder::Version::X};
+}
+
+TEST(YoloDecoder, XAgreesWithTheReference) {
+  std::mt19937 random(9);
+  std::uniform_real_distribution<float> at(-0.5f, 1.5f), log_size(-0.5f, 1.5f), probability(0, 1);
+  std::vector<float> values;
+  for (std::size_t i = 0; i < kCells; ++i) {
+    for (int k = 0; k < 2; ++k) values.push_back(at(random));
+    for (int k = 0; k < 2; ++k) values.push_back(log_size(random));
+    values.push_back(std::pow(probability(random), 4.f));
+    for (std::size_t k = 0; k < kClasses; ++k) values.push_back(std::pow(probability(random), 100.f));
+  }
+  const std::vector<Tensor> outputs{tensor_of("output", {1, kCells, 5 + kClasses}, values)};
+  YoloDecoder decoder = yolox(kClasses);
+  test::expect_as_reference("yolox", decoder, kClasses, outputs);
+}
+
+TEST(YoloDecoder, XRefusesAGridOfAnotherSize) {
+  const std::vector<float> values(3549 * 85);
+  const std::vector<Tensor> outputs{tensor_of("output", {1, 3549, 85}, values)};  // 416 x 416
+  EXPECT_THAT(yolox(80).choose(outputs).refusal, HasSubstr("no output [1, 1680, 85], but [1, 3549, 85]"));
+}
+
+TEST(YoloDecoder, XNeverMakesABoxOfAnOverflow) {
+  std::vector<float> values(kCells * 6, 0.f);
+  for (const float log_size : {88.8f, 1e30f, std::nanf("")}) {
+    const std::vector<float> cell{0, 0, log_size, 1, 1, 1};
+    std::copy(cell.begin(), cell.end(), values.begin() + 600);
+    const std::vector<Tensor> outputs{tensor_of("output", {1, kCells, 6}, values)};
+    YoloDecoder decoder = yolox(1);
+    EXPECT_TRUE(test::decode(decoder, 1, outputs).empty()) << log_size;
+  }
 }
 
 }  // namespace

@@ -12,6 +12,7 @@
 #include <sstream>
 
 #include "tests/support/shared_folder.h"
+#include "tests/support/temporary_folder.h"
 
 namespace stillmap {
 namespace {
@@ -224,17 +225,12 @@ std::vector<StampedPose> degraded(const std::vector<StampedPose>& groundtruth, u
 
 class Reference : public testing::Test {
  protected:
-  Reference() {
-    std::string name = (std::filesystem::temp_directory_path() / "stillmap-eval-XXXXXX").string();
-    folder_ = mkdtemp(name.data());
-  }
-  ~Reference() override { std::filesystem::remove_all(folder_); }
   std::string write(const char* name, const std::vector<StampedPose>& poses) {
-    const std::string path = (folder_ / name).string();
+    const std::string path = folder_ / name;
     EXPECT_TRUE(write_trajectory(path, poses, "test").ok());
     return path;
   }
-  std::filesystem::path folder_;
+  test::TemporaryFolder folder_;
 };
 
 TEST_F(Reference, AgreesOnRandomTrajectories) {

@@ -5,8 +5,9 @@
 #include <gtest/gtest.h>
 
 #include <filesystem>
-#include <fstream>
 #include <iterator>
+
+#include "tests/support/temporary_folder.h"
 
 namespace stillmap {
 namespace {
@@ -15,17 +16,8 @@ using testing::HasSubstr;
 
 class Trajectory : public testing::Test {
  protected:
-  Trajectory() {
-    std::string name = (std::filesystem::temp_directory_path() / "stillmap-eval-XXXXXX").string();
-    folder_ = mkdtemp(name.data());
-    path_ = (folder_ / "t.txt").string();
-  }
-  ~Trajectory() override { std::filesystem::remove_all(folder_); }
-  void write(const std::string& text) { std::ofstream(path_, std::ios::binary) << text; }
-  std::string text() {
-    std::ifstream file(path_, std::ios::binary);
-    return {std::istreambuf_iterator<char>(file), {}};
-  }
+  void write(const std::string& text) const { folder_.write("t.txt", text); }
+  std::string text() const { return folder_.read("t.txt"); }
   std::string error(const std::string& written) {
     write(written);
     const auto read = read_trajectory(path_);
@@ -35,8 +27,8 @@ class Trajectory : public testing::Test {
     EXPECT_THAT(read.error().message, HasSubstr(path_));
     return read.error().message;
   }
-  std::filesystem::path folder_;
-  std::string path_;
+  test::TemporaryFolder folder_;
+  std::string path_ = folder_ / "t.txt";
 };
 
 TEST_F(Trajectory, ReadsTheBenchmarksFormat) {
@@ -79,7 +71,7 @@ TEST_F(Trajectory, ErrorsNameTheLine) {
 }
 
 TEST_F(Trajectory, UnreadableFileIsNamedWithTheReason) {
-  for (const std::string& path : {path_, folder_.string()}) {
+  for (const std::string& path : {path_, folder_.path().string()}) {
     const auto read = read_trajectory(path);
     ASSERT_FALSE(read.ok());
     EXPECT_THAT(read.error().message, testing::AllOf(HasSubstr(path), HasSubstr("cannot be read")));
@@ -94,7 +86,8 @@ TEST_F(Trajectory, WritesFixedDecimalsWithAHeader) {
             "# T_map_camera\n# timestamp tx ty tz qx qy qz qw\n"
             "1305031239.529662000 1.000000 -2.500000 0.000000 0.00000000 0.00000000 0.00000000 1.00000000\n"
             "0.000000005 123456.789012 0.000000 0.000000 0.00000000 0.00000000 -0.70710678 0.70710678\n");
-  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder_), {}), 1) << "no temporary file stays";
+  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder_.path()), {}), 1)
+      << "no temporary file stays";
 }
 
 TEST_F(Trajectory, ReadsBackWhatItWrote) {
@@ -116,7 +109,7 @@ TEST_F(Trajectory, ReadsBackWhatItWrote) {
 }
 
 TEST_F(Trajectory, AnOutputThatCannotBeWrittenIsNamed) {
-  const std::string nowhere = (folder_ / "missing" / "t.txt").string();
+  const std::string nowhere = folder_ / "missing/t.txt";
   const Status status = write_trajectory(nowhere, {}, "h");
   ASSERT_FALSE(status.ok());
   EXPECT_EQ(status.error().exit_code, ExitCode::RunFailed);
@@ -131,7 +124,7 @@ TEST_F(Trajectory, AnOutputThatCannotBeWrittenIsNamed) {
 
 TEST_F(Trajectory, AFailedWriteLeavesTheOldFile) {
   write("old");
-  std::filesystem::create_directory(path_ + ".part");  // the temporary name is taken, so writing must fail
+  std::filesystem::create_directory(path_ + ".tmp");  // the temporary name is taken, so writing must fail
   EXPECT_FALSE(write_trajectory(path_, {}, "h").ok());
   EXPECT_EQ(text(), "old");
 }

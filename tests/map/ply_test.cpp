@@ -107,10 +107,9 @@ TEST_F(Ply, a_missing_folder_is_named) {
   const Status status = write_ply(map_.map().blocks(), map_.map().voxel_m(), path);
   ASSERT_FALSE(status.ok());
   EXPECT_EQ(status.error().exit_code, ExitCode::RunFailed);
-  EXPECT_EQ(status.error().message,
-            path +
-                ": cannot write the map: No such file or directory; create the folder "
-                "first or choose another one");
+  EXPECT_EQ(status.error().message, path +
+                                        ": cannot be written: No such file or directory; create the folder "
+                                        "first or choose another one");
 }
 
 TEST_F(Ply, a_folder_in_the_file_s_place_is_left_alone) {

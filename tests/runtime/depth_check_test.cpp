@@ -7,22 +7,13 @@
 #include <vector>
 
 #include "drivers/tum_log/tum_log.h"
+#include "tests/support/frame.h"
 #include "tests/support/shared_folder.h"
 
 namespace stillmap {
 namespace {
 
 constexpr int kWidth = 320, kHeight = 240;
-
-struct Slot : FrameSlot {
-  Slot(int width, int height)
-      : colour_pixels(static_cast<std::size_t>(width * height)), depth_pixels(colour_pixels.size()) {
-    colour = {colour_pixels.data(), width, height, width};
-    depth = {depth_pixels.data(), width, height, width};
-  }
-  std::vector<Bgr> colour_pixels;
-  std::vector<std::uint16_t> depth_pixels;
-};
 
 CameraModel camera(double units) {
   CameraModel c;
@@ -32,8 +23,8 @@ CameraModel camera(double units) {
 }
 
 /// Dark posts at 1 m before a bright wall at 2 m, whose readings are `shift` px right of where they are seen.
-Slot posts(int shift, double units = 1000) {
-  Slot slot(kWidth, kHeight);
+test::Frame posts(int shift, double units = 1000) {
+  test::Frame slot(kWidth, kHeight);
   for (int y = 0; y < kHeight; ++y) {
     for (int x = 0; x < kWidth; ++x) {
       const auto is_post = [](int at) { return (at + 960) % 96 < 30; };
@@ -45,7 +36,7 @@ Slot posts(int shift, double units = 1000) {
 }
 
 /// The verdict after a hundred such frames.
-DepthCheck::Verdict verdict_on(const Slot& slot, double units = 1000) {
+DepthCheck::Verdict verdict_on(const test::Frame& slot, double units = 1000) {
   DepthCheck check(camera(units));
   DepthCheck::Verdict last;
   for (int i = 0; i < 100; ++i) {
@@ -75,7 +66,7 @@ TEST(DepthCheck, AWrongUnitIsAMatterOfScale) {
   EXPECT_EQ(verdict_on(posts(0, 500), 5000).fault, DepthFault::Scale) << "0.1 m and 0.2 m";
   // A hall whose far end is beyond what is trusted is no wrong unit, until hardly anything else is seen.
   const auto hall = [](int far_percent) {
-    Slot slot(kWidth, kHeight);
+    test::Frame slot(kWidth, kHeight);
     for (int y = 0; y < kHeight; ++y) {
       for (int x = 0; x < kWidth; ++x) slot.depth.at(x, y) = x * 100 < kWidth * far_percent ? 20'000 : 5000;
     }
@@ -86,7 +77,7 @@ TEST(DepthCheck, AWrongUnitIsAMatterOfScale) {
 }
 
 TEST(DepthCheck, AlmostNoReadingIsEmpty) {
-  Slot slot = posts(0);
+  test::Frame slot = posts(0);
   for (int y = 0; y < kHeight; ++y) {
     for (int x = 20; x < kWidth; ++x) slot.depth.at(x, y) = 0;
   }
@@ -105,7 +96,7 @@ TEST(DepthCheck, ARealLogIsSoundAndTheSameLogMovedIsNot) {
   DepthCheck sound(fr1), moved(fr1);
   DepthFault verdict_on_sound = DepthFault::None;
   DepthCheck::Verdict verdict_on_moved;
-  Slot slot(640, 480);
+  test::Frame slot(640, 480);
   for (int frames = 0; frames < 100;) {
     const GrabResult r = log.grab(slot, 0);
     ASSERT_NE(r.status, GrabStatus::EndOfStream);

@@ -2,7 +2,6 @@
 #include "runtime/flight_recorder.h"
 
 #include <gmock/gmock.h>
-#include <unistd.h>
 
 #include <csignal>
 #include <cstdlib>
@@ -10,6 +9,8 @@
 #include <fstream>
 #include <limits>
 #include <vector>
+
+#include "tests/support/temporary_folder.h"
 
 namespace stillmap {
 namespace {
@@ -20,7 +21,6 @@ constexpr Nanoseconds kSecond = 1'000'000'000;
 
 struct Bench {
   explicit Bench(std::size_t room = 400) : frames(room), recorder(frames, path) {}
-  ~Bench() { std::filesystem::remove(path); }
   void record(int first, int count) {
     for (int i = first; i < first + count; ++i) {
       FlightFrame f{.at_ns = i * kSecond / 30,
@@ -45,8 +45,8 @@ struct Bench {
     }
     return found;
   }
-  const std::string path =
-      (std::filesystem::temp_directory_path() / ("flight_" + std::to_string(getpid()))).string();
+  const test::TemporaryFolder folder;
+  const std::string path = folder / "flight";
   std::vector<FlightFrame> frames;
   FlightRecorder recorder;
 };

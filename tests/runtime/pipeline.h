@@ -15,6 +15,7 @@
 
 #include "runtime/run.h"
 #include "runtime/run_context.h"
+#include "runtime/run_plan.h"
 #include "tests/detect/tiny_onnx.h"
 #include "tests/runtime/scripted_driver.h"
 #include "tests/runtime/wall_scene.h"

@@ -58,34 +58,49 @@ std::vector<EventCode> codes(EventRing& events) {
   return all;
 }
 
-std::string refusal(SourceNews& news) {
-  news.refusal.refresh();
-  return news.refusal.value().data();
-}
-
-/// Grabs until a frame or the end, at most for five seconds.
-GrabStatus next_outcome(ReopeningSource& source) {
-  FrameSlot slot;
-  const Nanoseconds end = monotonic_now() + 5'000'000'000;
-  while (monotonic_now() < end) {
-    const GrabResult r = source.grab(slot, monotonic_now() + 20'000'000);
-    if (r.status != GrabStatus::Timeout) return r.status;
+/// Opened and started.
+struct Opened {
+  Opened(Plug& plug, ReopeningSource::Patience patience) : source(plug.factory(), patience, news) {
+    EXPECT_TRUE(source.open().ok());
+    EXPECT_TRUE(source.start().ok());
   }
-  return GrabStatus::Timeout;
+  /// Grabs until a frame or the end, at most for five seconds.
+  GrabStatus next() {
+    FrameSlot slot;
+    const Nanoseconds end = monotonic_now() + 5'000'000'000;
+    while (monotonic_now() < end) {
+      const GrabResult r = source.grab(slot, monotonic_now() + 20'000'000);
+      if (r.status != GrabStatus::Timeout) return r.status;
+    }
+    return GrabStatus::Timeout;
+  }
+  std::vector<EventCode> told() { return codes(news.events); }
+  std::string refusal() {
+    news.refusal.refresh();
+    return news.refusal.value().data();
+  }
+  SourceNews news;
+  ReopeningSource source;
+};
+
+/// Cameras that show the wall scene.
+Plug wall_plug(std::vector<std::vector<Grab>> cameras) {
+  static const test::WallScene scene;
+  return {std::move(cameras),
+          0,
+          {.name = "wall", .width = test::WallScene::kWidth, .height = test::WallScene::kHeight, .fps = 30},
+          [](int picture, FrameSlot& slot) { scene.draw(picture, slot); }};
 }
 
 TEST(ReopeningSource, OpensAnUnpluggedCameraAgain) {
   Plug plug{{{{.stamp_ns = 1}, kLost}, {}, {{.stamp_ns = 2}, kLost}, {{.stamp_ns = 3}}}};
-  SourceNews news;
-  ReopeningSource source(plug.factory(), {.stall_s = 1, .give_up_s = 30}, news);
-  ASSERT_TRUE(source.open().ok());
-  ASSERT_TRUE(source.start().ok());
-  EXPECT_EQ(source.describe().name, "camera");
-  EXPECT_EQ(next_outcome(source), GrabStatus::Frame);
-  EXPECT_EQ(next_outcome(source), GrabStatus::Frame) << "the second did not open, the third did";
-  EXPECT_EQ(next_outcome(source), GrabStatus::Frame);
+  Opened camera(plug, {.stall_s = 1, .give_up_s = 30});
+  EXPECT_EQ(camera.source.describe().name, "camera");
+  EXPECT_EQ(camera.next(), GrabStatus::Frame);
+  EXPECT_EQ(camera.next(), GrabStatus::Frame) << "the second did not open, the third did";
+  EXPECT_EQ(camera.next(), GrabStatus::Frame);
   EXPECT_EQ(plug.opened, 4u);
-  EXPECT_THAT(codes(news.events),
+  EXPECT_THAT(camera.told(),
               testing::ElementsAre(EventCode::SourceGone, EventCode::SourceRefused, EventCode::SourceBack,
                                    EventCode::SourceGone, EventCode::SourceBack));
 }
@@ -108,32 +123,22 @@ TEST(ReopeningSource, UnpluggedInAnyPhaseOfComingBackItIsOpenedAgain) {
   // Before its first picture; having come back, before it is started; and before its first picture then.
   Plug plug{{{kLost}, {{.stamp_ns = 1}}, {kLost}, {{.stamp_ns = 2}}}};
   plug.gone_when_started = {1};
-  SourceNews news;
-  ReopeningSource source(plug.factory(), {.stall_s = 1, .give_up_s = 30}, news);
-  ASSERT_TRUE(source.open().ok());
-  ASSERT_TRUE(source.start().ok());
-  EXPECT_EQ(next_outcome(source), GrabStatus::Frame);
+  Opened camera(plug, {.stall_s = 1, .give_up_s = 30});
+  EXPECT_EQ(camera.next(), GrabStatus::Frame);
   EXPECT_EQ(plug.opened, 4u);
-  EXPECT_THAT(codes(news.events), testing::ElementsAre(EventCode::SourceGone, EventCode::SourceRefused,
-                                                       EventCode::SourceRefused, EventCode::SourceBack));
+  EXPECT_THAT(camera.told(), testing::ElementsAre(EventCode::SourceGone, EventCode::SourceRefused,
+                                                  EventCode::SourceRefused, EventCode::SourceBack));
 }
 
 TEST(ReopeningSource, ARunStopsWhileItsCameraIsAway) {
-  static const test::WallScene scene;
-  Plug plug{{{{.stamp_ns = test::WallScene::stamp_ns(0)}, kLost}, {}},
-            0,
-            {.name = "wall", .width = test::WallScene::kWidth, .height = test::WallScene::kHeight, .fps = 30},
-            [](int picture, FrameSlot& slot) { scene.draw(picture, slot); }};
-  SourceNews news;
-  ReopeningSource source(plug.factory(), {.stall_s = 1, .give_up_s = 3600}, news);
-  ASSERT_TRUE(source.open().ok());
-  ASSERT_TRUE(source.start().ok());
+  Plug plug = wall_plug({{{.stamp_ns = test::WallScene::stamp_ns(0)}, kLost}, {}});
+  Opened camera(plug, {.stall_s = 1, .give_up_s = 3600});
   RunOptions options;
   options.mode = RunMode::Live;
-  test::Pipeline p(source, options);
+  test::Pipeline p(camera.source, options);
   test::Running running(p);
   running.wait_for_frames(1);
-  test::wait_until([&] { return codes(news.events).size() > 0; });
+  test::wait_until([&] { return camera.told().size() > 0; });
   EXPECT_LT(running.stop_s(), test::kStopDeadline_s);
   p.expect_accounted();
   EXPECT_FALSE(p.context->source_lost);
@@ -142,68 +147,53 @@ TEST(ReopeningSource, ARunStopsWhileItsCameraIsAway) {
 TEST(ReopeningSource, OpensASilentCameraAgain) {
   Plug plug{{{{.stamp_ns = 1}, kSilent, kSilent, kSilent, kSilent, kSilent, kSilent, kSilent, kSilent},
              {{.stamp_ns = 2}}}};
-  SourceNews news;
-  ReopeningSource source(plug.factory(), {.stall_s = 0.1, .give_up_s = 30}, news);
-  ASSERT_TRUE(source.open().ok());
-  ASSERT_TRUE(source.start().ok());
-  EXPECT_EQ(next_outcome(source), GrabStatus::Frame);
-  EXPECT_EQ(next_outcome(source), GrabStatus::Frame);
-  EXPECT_THAT(codes(news.events), testing::ElementsAre(EventCode::SourceStalled, EventCode::SourceBack));
+  Opened camera(plug, {.stall_s = 0.1, .give_up_s = 30});
+  EXPECT_EQ(camera.next(), GrabStatus::Frame);
+  EXPECT_EQ(camera.next(), GrabStatus::Frame);
+  EXPECT_THAT(camera.told(), testing::ElementsAre(EventCode::SourceStalled, EventCode::SourceBack));
 }
 
 TEST(ReopeningSource, ACameraOfAnotherSizeIsNotTakenForIt) {
   Plug plug{{{{.stamp_ns = 1}, kLost}, {{.stamp_ns = 2}}}};
-  SourceNews news;
-  ReopeningSource source(plug.factory(), {.stall_s = 1, .give_up_s = 0.4}, news);
-  ASSERT_TRUE(source.open().ok());
-  ASSERT_TRUE(source.start().ok());
-  EXPECT_EQ(next_outcome(source), GrabStatus::Frame);
+  Opened camera(plug, {.stall_s = 1, .give_up_s = 0.4});
+  EXPECT_EQ(camera.next(), GrabStatus::Frame);
   plug.info.width = 8;
-  EXPECT_EQ(next_outcome(source), GrabStatus::Lost);
-  EXPECT_THAT(refusal(news), testing::HasSubstr("camera: came back with pictures of another size"));
+  EXPECT_EQ(camera.next(), GrabStatus::Lost);
+  EXPECT_THAT(camera.refusal(), testing::HasSubstr("camera: came back with pictures of another size"));
 }
 
 TEST(ReopeningSource, GivesUpWhatStaysAway) {
   Plug plug{{{{.stamp_ns = 1}, kLost}, {}}};
-  SourceNews news;
-  ReopeningSource source(plug.factory(), {.stall_s = 1, .give_up_s = 1}, news);
-  ASSERT_TRUE(source.open().ok());
-  ASSERT_TRUE(source.start().ok());
-  EXPECT_EQ(next_outcome(source), GrabStatus::Frame);
-  EXPECT_EQ(next_outcome(source), GrabStatus::Lost);
+  Opened camera(plug, {.stall_s = 1, .give_up_s = 1});
+  EXPECT_EQ(camera.next(), GrabStatus::Frame);
+  EXPECT_EQ(camera.next(), GrabStatus::Lost);
   EXPECT_GE(plug.opened, 2u);
-  EXPECT_THAT(codes(news.events), testing::ElementsAre(EventCode::SourceGone, EventCode::SourceRefused))
+  EXPECT_THAT(camera.told(), testing::ElementsAre(EventCode::SourceGone, EventCode::SourceRefused))
       << "each reason once, however often it is tried";
-  EXPECT_EQ(refusal(news), "no such camera");
+  EXPECT_EQ(camera.refusal(), "no such camera");
 }
 
 TEST(ReopeningSource, GivesUpWhatCanBeOpenedButDeliversNothing) {
   std::vector<Grab> silent(2000, kSilent);
   Plug plug{{{{.stamp_ns = 1}, kLost}, silent}};
-  SourceNews news;
-  ReopeningSource source(plug.factory(), {.stall_s = 0.05, .give_up_s = 0.6}, news);
-  ASSERT_TRUE(source.open().ok());
-  ASSERT_TRUE(source.start().ok());
-  EXPECT_EQ(next_outcome(source), GrabStatus::Frame);
-  EXPECT_EQ(next_outcome(source), GrabStatus::Lost);
+  Opened camera(plug, {.stall_s = 0.05, .give_up_s = 0.6});
+  EXPECT_EQ(camera.next(), GrabStatus::Frame);
+  EXPECT_EQ(camera.next(), GrabStatus::Lost);
   EXPECT_GE(plug.opened, 3u);
-  EXPECT_THAT(codes(news.events), testing::ElementsAre(EventCode::SourceGone, EventCode::SourceRefused))
+  EXPECT_THAT(camera.told(), testing::ElementsAre(EventCode::SourceGone, EventCode::SourceRefused))
       << "it was never back";
-  EXPECT_THAT(refusal(news), testing::HasSubstr("camera: can be opened, but delivers nothing"));
+  EXPECT_THAT(camera.refusal(), testing::HasSubstr("camera: can be opened, but delivers nothing"));
 }
 
 TEST(ReopeningSource, EachNewReasonWhyItCannotBeOpenedIsTold) {
   Plug plug{{{{.stamp_ns = 1}, kLost}, {}, {}, {{.stamp_ns = 2}}}};
   plug.reasons = {"", "/dev/video0: no such camera", "/dev/video0: another program uses it"};
-  SourceNews news;
-  ReopeningSource source(plug.factory(), {.stall_s = 1, .give_up_s = 30}, news);
-  ASSERT_TRUE(source.open().ok());
-  ASSERT_TRUE(source.start().ok());
-  EXPECT_EQ(next_outcome(source), GrabStatus::Frame);
-  EXPECT_EQ(next_outcome(source), GrabStatus::Frame);
-  EXPECT_THAT(codes(news.events), testing::ElementsAre(EventCode::SourceGone, EventCode::SourceRefused,
-                                                       EventCode::SourceRefused, EventCode::SourceBack));
-  EXPECT_EQ(refusal(news), "/dev/video0: another program uses it");
+  Opened camera(plug, {.stall_s = 1, .give_up_s = 30});
+  EXPECT_EQ(camera.next(), GrabStatus::Frame);
+  EXPECT_EQ(camera.next(), GrabStatus::Frame);
+  EXPECT_THAT(camera.told(), testing::ElementsAre(EventCode::SourceGone, EventCode::SourceRefused,
+                                                  EventCode::SourceRefused, EventCode::SourceBack));
+  EXPECT_EQ(camera.refusal(), "/dev/video0: another program uses it");
 }
 
 TEST(ReopeningSource, TheTrackerThatLostItsWayMeanwhileFindsItAgain) {
@@ -216,24 +206,18 @@ TEST(ReopeningSource, TheTrackerThatLostItsWayMeanwhileFindsItAgain) {
   before.push_back(kLost);
   for (int i = 50; i < 56; ++i) after.push_back(frame(i, kDark));  // it comes back with a hand before it
   for (int i = 56; i < 80; ++i) after.push_back(frame(i, i - 50));
-  static const test::WallScene scene;
-  Plug plug{{before, {}, after},
-            0,
-            {.name = "wall", .width = test::WallScene::kWidth, .height = test::WallScene::kHeight, .fps = 30},
-            [](int picture, FrameSlot& slot) {
-              if (picture != kDark) return scene.draw(picture, slot);
-              for (int y = 0; y < slot.colour.height; ++y) {
-                std::fill_n(slot.colour.row(y), slot.colour.width, Bgr{});
-                std::fill_n(slot.depth.row(y), slot.depth.width, std::uint16_t{0});
-              }
-            }};
-  SourceNews news;
-  ReopeningSource source(plug.factory(), {.stall_s = 1, .give_up_s = 30}, news);
-  ASSERT_TRUE(source.open().ok());
-  ASSERT_TRUE(source.start().ok());
+  Plug plug = wall_plug({before, {}, after});
+  plug.fill = [draw = plug.fill](int picture, FrameSlot& slot) {
+    if (picture != kDark) return draw(picture, slot);
+    for (int y = 0; y < slot.colour.height; ++y) {
+      std::fill_n(slot.colour.row(y), slot.colour.width, Bgr{});
+      std::fill_n(slot.depth.row(y), slot.depth.width, std::uint16_t{0});
+    }
+  };
+  Opened camera(plug, {.stall_s = 1, .give_up_s = 30});
   RunOptions options;
   options.mode = RunMode::Lockstep;
-  test::Pipeline p(source, options);
+  test::Pipeline p(camera.source, options);
   run_lockstep(*p.context);
   p.expect_accounted();
   const RunCounters& c = p.context->counters;
@@ -258,18 +242,11 @@ TEST(ReopeningSource, ARunGoesOnAfterAnInterruptionAndEndsWhenTheCameraIsGoneFor
   after.push_back({.status = GrabStatus::Dropped, .reason = DropReason::CorruptDepth});
   after.push_back({.stamp_ns = test::WallScene::stamp_ns(3), .picture = 3});  // its clock jumps back
   after.push_back(kLost);
-  static const test::WallScene scene;
-  Plug plug{{before, after, {}},
-            0,
-            {.name = "wall", .width = test::WallScene::kWidth, .height = test::WallScene::kHeight, .fps = 30},
-            [](int picture, FrameSlot& slot) { scene.draw(picture, slot); }};
-  SourceNews news;
-  ReopeningSource source(plug.factory(), {.stall_s = 1, .give_up_s = 1}, news);
-  ASSERT_TRUE(source.open().ok());
-  ASSERT_TRUE(source.start().ok());
+  Plug plug = wall_plug({before, after, {}});
+  Opened camera(plug, {.stall_s = 1, .give_up_s = 1});
   RunOptions options;
   options.mode = RunMode::Live;
-  test::Pipeline p(source, options);
+  test::Pipeline p(camera.source, options);
   run_threads(*p.context);
   p.expect_accounted();
   EXPECT_EQ(p.context->counters.offered.load(), 14u);

@@ -9,6 +9,7 @@
 
 #include "tests/runtime/running.h"
 #include "tests/runtime/short_memory.h"
+#include "tests/support/temporary_folder.h"
 
 namespace stillmap::test {
 namespace {
@@ -129,20 +130,17 @@ TEST(StageFaults, ADetectorWhoseLibraryThrowsIsDoneWithoutUntilItRunsAgain) {
 /// A disk that stalls: the recorder opens a picture's file, which is a pipe that nobody reads yet.
 class StalledDisk {
  public:
-  explicit StalledDisk(int stalled_frame)
-      : folder_(std::filesystem::temp_directory_path() / ("stillmap_stall_" + std::to_string(getpid()))) {
-    std::filesystem::remove_all(folder_);
+  explicit StalledDisk(int stalled_frame) {
     std::filesystem::create_directories(folder_ / "rgb");
     const std::string stamp = std::to_string(WallScene::stamp_ns(stalled_frame));
-    pipe_ =
-        folder_ / "rgb" / (stamp.substr(0, stamp.size() - 9) + "." + stamp.substr(stamp.size() - 9) + ".jpg");
+    pipe_ = folder_ /
+            ("rgb/" + stamp.substr(0, stamp.size() - 9) + "." + stamp.substr(stamp.size() - 9) + ".jpg");
     EXPECT_EQ(mkfifo(pipe_.c_str(), 0600), 0);
   }
   ~StalledDisk() {
     if (reader_.joinable()) reader_.join();
-    std::filesystem::remove_all(folder_);
   }
-  std::string folder() const { return folder_; }
+  std::string folder() const { return folder_.path(); }
   void go_on() {
     reader_ =
         std::thread([this] { std::ifstream(pipe_).ignore(std::numeric_limits<std::streamsize>::max()); });
@@ -153,7 +151,8 @@ class StalledDisk {
   }
 
  private:
-  std::filesystem::path folder_, pipe_;
+  TemporaryFolder folder_;
+  std::string pipe_;
   std::thread reader_;
 };
 

@@ -12,6 +12,7 @@
 #include "drivers/v4l2/v4l2_stream.h"
 #include "tests/drivers/pictures/heap_calls.h"
 #include "tests/drivers/v4l2/program_run.h"
+#include "tests/support/frame.h"
 
 namespace stillmap {
 namespace {
@@ -165,11 +166,7 @@ TEST(Libcamera, WithADepthNodeItMakesFrames) {
   const Status opened = driver.open();
   ASSERT_TRUE(opened.ok()) << opened.error().message;
   ASSERT_TRUE(driver.start().ok());
-  std::vector<Bgr> colour(kWidth * kHeight);
-  std::vector<std::uint16_t> depth(kWidth * kHeight);
-  FrameSlot slot;
-  slot.colour = {colour.data(), kWidth, kHeight, kWidth};
-  slot.depth = {depth.data(), kWidth, kHeight, kWidth};
+  test::Frame slot(kWidth, kHeight);
   int frames = 0;
   for (int i = 0; i < 100 && frames < 5; ++i) {
     const GrabResult grabbed = driver.grab(slot, soon());
@@ -177,7 +174,7 @@ TEST(Libcamera, WithADepthNodeItMakesFrames) {
     if (grabbed.status != GrabStatus::Frame) continue;
     ++frames;
     EXPECT_LE(std::abs(slot.colour_ns - slot.depth_ns), 50'000'000);
-    EXPECT_GT(depth[160 * kWidth + 20], 0);
+    EXPECT_GT(slot.depth.at(20, 160), 0);
   }
   EXPECT_EQ(frames, 5);
   driver.stop();

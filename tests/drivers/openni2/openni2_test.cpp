@@ -14,6 +14,7 @@
 #include "drivers/recorder/recorder.h"
 #include "tests/drivers/pictures/heap_calls.h"
 #include "tests/drivers/pictures/picture_files.h"
+#include "tests/support/frame.h"
 
 namespace stillmap {
 namespace {
@@ -29,11 +30,8 @@ CameraModule& module() {
   return *reinterpret_cast<CameraModuleEntry>(dlsym(library, kCameraModuleEntry))();
 }
 
-struct Slot : FrameSlot {
-  Slot() : colour_pixels(kWidth * kHeight), depth_pixels(kWidth * kHeight) {
-    colour = {colour_pixels.data(), kWidth, kHeight, kWidth};
-    depth = {depth_pixels.data(), kWidth, kHeight, kWidth};
-  }
+struct Slot : test::Frame {
+  Slot() : Frame(kWidth, kHeight) {}
   void draw(int n) {
     for (int y = 0; y < kHeight; ++y) {
       for (int x = 0; x < kWidth; ++x) {
@@ -54,8 +52,6 @@ struct Slot : FrameSlot {
     EXPECT_EQ(depth.at(kWidth - 1, kHeight - 1), 500 + 40 * 63 + 3 * 47 + n);
     return n;
   }
-  std::vector<Bgr> colour_pixels;
-  std::vector<std::uint16_t> depth_pixels;
 };
 
 class Openni2 : public testing::Test {

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "tests/drivers/pictures/heap_calls.h"
+#include "tests/support/frame.h"
 
 namespace stillmap {
 namespace {
@@ -58,15 +59,6 @@ class ScriptedStream : public PictureStream {
   std::size_t next_ = 0;
 };
 
-struct Slot : FrameSlot {
-  Slot() {
-    colour = {colour_pixels.data(), kWidth, kHeight, kWidth};
-    depth = {depth_pixels.data(), kWidth, kHeight, kWidth};
-  }
-  std::array<Bgr, kWidth * kHeight> colour_pixels{};
-  std::array<std::uint16_t, kWidth * kHeight> depth_pixels{};
-};
-
 Paired::Setup setup() {
   Paired::Setup s;
   s.name = "pair";
@@ -85,7 +77,7 @@ std::vector<std::string> play(std::vector<ScriptedStream::Item> colour,
   EXPECT_TRUE(driver.open().ok());
   EXPECT_TRUE(driver.start().ok());
   std::vector<std::string> story;
-  Slot slot;
+  test::Frame slot(kWidth, kHeight);
   for (;;) {
     const long before = test::heap_calls();
     const GrabResult r = driver.grab(slot, 0);
@@ -126,7 +118,7 @@ TEST(Paired, KeepsBothStamps) {
       std::make_unique<ScriptedStream>(PixelFormat::Depth16, std::vector<ScriptedStream::Item>{{507 * kMs}}));
   ASSERT_TRUE(driver.open().ok());
   ASSERT_TRUE(driver.start().ok());
-  Slot slot;
+  test::Frame slot(kWidth, kHeight);
   ASSERT_EQ(driver.grab(slot, 0).status, GrabStatus::Frame);
   EXPECT_EQ(slot.colour_ns, 500 * kMs);
   EXPECT_EQ(slot.depth_ns, 507 * kMs);
@@ -188,7 +180,7 @@ TEST(Paired, RegistersDepthOfAnotherCamera) {
       std::make_unique<ScriptedStream>(PixelFormat::Depth16, std::vector<ScriptedStream::Item>{{100 * kMs}}));
   ASSERT_TRUE(driver.open().ok());
   ASSERT_TRUE(driver.start().ok());
-  Slot slot;
+  test::Frame slot(kWidth, kHeight);
   ASSERT_EQ(driver.grab(slot, 0).status, GrabStatus::Frame);
   EXPECT_THAT(slot.depth_pixels, ElementsAre(0, 257, 257, 257, 0, 257, 257, 257));
 }

@@ -8,6 +8,8 @@
 #include <string>
 #include <vector>
 
+#include "tests/support/temporary_folder.h"
+
 namespace stillmap::test {
 
 using Bytes = std::vector<std::byte>;
@@ -29,20 +31,6 @@ enum class JpegKind { Grey, Colour, ProgressiveColour };
 Bytes jpeg_file(JpegKind kind, int width, int height, std::span<const std::uint8_t> samples);
 
 void write_file(const std::filesystem::path& path, std::span<const std::byte> bytes);
-void write_text(const std::filesystem::path& path, const std::string& text);
 Bytes read_file(const std::filesystem::path& path);
-
-/// A folder of its own that goes away with the object.
-class TemporaryFolder {
- public:
-  TemporaryFolder();
-  ~TemporaryFolder();
-  TemporaryFolder(const TemporaryFolder&) = delete;
-  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
-  const std::filesystem::path& path() const { return path_; }
-
- private:
-  std::filesystem::path path_;
-};
 
 }  // namespace stillmap::test

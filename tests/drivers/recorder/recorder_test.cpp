@@ -15,17 +15,15 @@
 #include "drivers/tum_log/tum_log.h"
 #include "tests/drivers/pictures/heap_calls.h"
 #include "tests/drivers/pictures/picture_files.h"
+#include "tests/support/frame.h"
 
 namespace stillmap {
 namespace {
 
 constexpr int kWidth = 64, kHeight = 48;
 
-struct Slot : FrameSlot {
-  Slot() : colour_pixels(kWidth * kHeight), depth_pixels(kWidth * kHeight) {
-    colour = {colour_pixels.data(), kWidth, kHeight, kWidth};
-    depth = {depth_pixels.data(), kWidth, kHeight, kWidth};
-  }
+struct Slot : test::Frame {
+  Slot() : Frame(kWidth, kHeight) {}
   void draw(int n) {
     for (int y = 0; y < kHeight; ++y) {
       for (int x = 0; x < kWidth; ++x) {
@@ -38,8 +36,6 @@ struct Slot : FrameSlot {
     colour_ns = 1'305'031'102'175'304'123 + n * 80'000'001LL;
     depth_ns = colour_ns + 40'000'000;
   }
-  std::vector<Bgr> colour_pixels;
-  std::vector<std::uint16_t> depth_pixels;
 };
 
 class RecorderFolder : public testing::Test {
@@ -215,17 +211,16 @@ TEST_F(RecorderFolder, RefusesAFolderThatHoldsALogOrCannotBe) {
   }
   Recorder again(setup());
   EXPECT_THAT(again.open().error().message, testing::HasSubstr("holds a log or a camera.toml already"));
-  std::filesystem::create_directories(folder_.path() / "own");
-  test::write_text(folder_.path() / "own/camera.toml", "somebody's");
+  folder_.write("own/camera.toml", "somebody's");
   Recorder::Setup beside = setup();
   beside.folder = (folder_.path() / "own").string();
   EXPECT_THAT(Recorder(beside).open().error().message, testing::HasSubstr("camera.toml already"));
-  EXPECT_EQ(test::read_file(folder_.path() / "own/camera.toml").size(), 10u);
+  EXPECT_EQ(folder_.read("own/camera.toml").size(), 10u);
   Recorder::Setup nowhere = setup();
   nowhere.folder = "/no/such/folder/log";
   EXPECT_THAT(Recorder(nowhere).open().error().message,
               testing::HasSubstr("--record /no/such/folder/log: cannot be made"));
-  test::write_text(folder_.path() / "file", "");
+  folder_.write("file", "");
   nowhere.folder = (folder_.path() / "file").string();
   EXPECT_THAT(Recorder(nowhere).open().error().message, testing::HasSubstr("give a folder"));
 }

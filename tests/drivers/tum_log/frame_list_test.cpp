@@ -13,7 +13,7 @@ using testing::HasSubstr;
 
 class FrameList : public testing::Test {
  protected:
-  void write(const char* name, const std::string& text) { test::write_text(folder_.path() / name, text); }
+  void write(const char* name, const std::string& text) { folder_.write(name, text); }
   Result<std::vector<ListedFrame>> read() { return read_frame_list(folder_.path().string()); }
   std::string error() {
     const auto list = read();

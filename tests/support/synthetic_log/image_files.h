@@ -11,6 +11,5 @@ namespace stillmap::synthetic {
 /// Each writes one file; false when that failed. The bytes depend on the pixels alone.
 bool write_png_grey8(const std::filesystem::path& file, ImageView<const std::uint8_t> image);
 bool write_png_grey16(const std::filesystem::path& file, ImageView<const std::uint16_t> image);
-bool write_jpeg(const std::filesystem::path& file, ImageView<const Bgr> image, int quality);
 
 }  // namespace stillmap::synthetic

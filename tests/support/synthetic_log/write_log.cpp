@@ -3,8 +3,11 @@
 #include <cinttypes>
 #include <cstdio>
 #include <fstream>
+#include <span>
 #include <string>
+#include <vector>
 
+#include "core/jpeg.h"
 #include "tests/support/synthetic_log/image_files.h"
 #include "tests/support/synthetic_log/synthetic_log.h"
 
@@ -34,9 +37,9 @@ std::string pose_text(const Pose& T) {
   return text.data();
 }
 
-bool write_text(const fs::path& file, const std::string& text) {
+bool write_bytes(const fs::path& file, std::span<const char> bytes) {
   std::ofstream out(file, std::ios::binary);
-  out << text;
+  out.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
   out.flush();
   return out.good();
 }
@@ -69,6 +72,9 @@ Status write_synthetic_log(const SyntheticOptions& options, const fs::path& fold
   const CameraModel camera = SyntheticLog::camera();
   std::string rgb = "# color images\n# timestamp filename\n", depth = "# depth maps\n# timestamp filename\n",
               associations;
+  std::vector<char> jpeg(static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height) *
+                         3);
+  JpegEncoder encoder(Scratch(JpegEncoder::memory_bytes(camera.width)), camera.width, camera.height);
   SyntheticFrame frame;
   for (int i = 0; i < options.frames; ++i) {
     log.render(i, frame);
@@ -78,7 +84,9 @@ Status write_synthetic_log(const SyntheticOptions& options, const fs::path& fold
       return ImageView<const std::decay_t<decltype(pixels[0])>>{pixels.data(), camera.width, camera.height,
                                                                 camera.width};
     };
-    if (!write_jpeg(folder / rgb_file, view(frame.colour), 94)) return cannot_write(folder / rgb_file);
+    const std::size_t bytes = encoder.encode(view(frame.colour), 94, std::as_writable_bytes(std::span(jpeg)));
+    if (bytes == 0 || !write_bytes(folder / rgb_file, std::span(jpeg).first(bytes)))
+      return cannot_write(folder / rgb_file);
     if (!write_png_grey16(folder / depth_file, view(frame.depth))) return cannot_write(folder / depth_file);
     const fs::path mask_file = folder / "mask" / (stamp + ".png");
     if (!write_png_grey8(mask_file, view(frame.mask))) return cannot_write(mask_file);
@@ -91,7 +99,7 @@ Status write_synthetic_log(const SyntheticOptions& options, const fs::path& fold
                                                                   {"associations.txt", associations},
                                                                   {"groundtruth.txt", ground_truth(log)}}};
   for (const auto& [name, text] : texts) {
-    if (!write_text(folder / name, text)) return cannot_write(folder / name);
+    if (!write_bytes(folder / name, text)) return cannot_write(folder / name);
   }
   return {};
 }
