@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace stillmap {
 
@@ -87,9 +88,11 @@ std::vector<int> VoxelMap::load(const BlockTable& blocks, Vec3 around_m) {
   for (int i = 0; i < blocks.size(); ++i) {
     if (blocks.found(i)) nearest.push_back(i);
   }
-  const std::size_t fit = std::min<std::size_t>(nearest.size(), table_.usage().capacity);
-  if (fit < nearest.size())
-    std::ranges::stable_sort(nearest, {}, [&](int i) { return distance2(blocks.block(i).at, around); });
+  const std::size_t fit = std::min(nearest.size(), static_cast<std::size_t>(table_.usage().capacity));
+  if (fit < nearest.size()) {
+    std::ranges::sort(nearest, {},
+                      [&](int i) { return std::pair(distance2(blocks.block(i).at, around), i); });
+  }
   for (const int i : std::span(nearest).first(fit)) {
     const Block& from = blocks.block(i);
     const int index = table_.find_or_add(from.at, from.anchor_keyframe);
