@@ -68,11 +68,6 @@ build() { # PRESET TARGET...
   cmake --preset "$1" && cmake --build --preset "$1" --target "${@:2}"
 }
 
-# From nothing, a fifth quicker with the tests' sources joined; who edits tests may want STILLMAP_JOIN_TESTS off again.
-build_release() {
-  cmake --preset release -DSTILLMAP_JOIN_TESTS=ON && cmake --build --preset release --target all
-}
-
 check_format() {
   git ls-files -z '*.cpp' '*.h' '*.h.in' | xargs -0 clang-format-14 --dry-run -Werror
 }
@@ -105,7 +100,7 @@ check_arm() { # ARCHITECTURE
 }
 
 step "set-up" scripts/setup.sh "--$([ "$full" = yes ] && echo full || echo tests)" || finish
-step "build release" build_release || finish
+step "build release" build release all || finish
 step "format" check_format
 step "folders and libraries" scripts/check_layers.py
 step "no locks in hot objects" scripts/check_symbols.py
