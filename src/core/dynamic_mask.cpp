@@ -44,9 +44,4 @@ Label label_at(const DynamicMask& mask, double x, double y, double depth_m) {
   return Label::Unknown;
 }
 
-bool left_out_of_map(const DynamicMask& mask, double x, double y, double depth_m) {
-  if (mask.rule == DynamicRule::Paper) return boxes_around(mask, x, y).dynamic;
-  return label_at(mask, x, y, depth_m) == Label::Dynamic;
-}
-
 }  // namespace stillmap

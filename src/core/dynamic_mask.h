@@ -49,8 +49,4 @@ struct DynamicMask {
 /// lies in the object's interval; a pixel without depth in such a cell is Unknown.
 Label label_at(const DynamicMask& mask, double x, double y, double depth_m);
 
-/// Whether the map leaves this pixel out. Paper: every pixel of a dynamic box, as the paper removes it from
-/// colour and depth of a keyframe. Silhouette: what label_at calls Dynamic.
-bool left_out_of_map(const DynamicMask& mask, double x, double y, double depth_m);
-
 }  // namespace stillmap

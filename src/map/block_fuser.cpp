@@ -31,9 +31,10 @@ std::uint8_t averaged(std::uint8_t mean, std::uint8_t value, int weight) {
 
 }  // namespace
 
-BlockFuser::BlockFuser(const CameraModel& camera, const RayTable& rays, const MoverTrail* trail,
-                       double voxel_m, bool planning, int looks)
-    : lens_(camera, rays, planning),
+BlockFuser::BlockFuser(Arena& arena, const CameraModel& camera, const RayTable& rays, const MoverTrail* trail,
+                       double voxel_m, int looks)
+    : lens_(camera, rays, arena.planning()),
+      horizon_(arena, camera, rays),
       trail_(trail),
       looks_(looks),
       voxel_m_(voxel_m),
@@ -47,6 +48,7 @@ void BlockFuser::begin_frame(const Pose& T_map_camera_depth, const Pose& T_map_c
   T_depth_map_ = inverse(T_map_camera_depth);
   T_colour_depth_ = inverse(T_map_camera_colour) * T_map_camera_depth;
   z_m_ = z_m;
+  if (!z_m.empty()) horizon_.take(z_m);
   colour_ = colour;
   far_m_ = static_cast<float>(max_range_m);
   frame_mark_ = frame_mark;
@@ -59,12 +61,31 @@ Vec3 BlockFuser::first_centre_in_map(BlockCoordinates at) const {
   return {centre_m(at.x), centre_m(at.y), centre_m(at.z)};
 }
 
-bool BlockFuser::in_view(BlockCoordinates at) const {
+BlockFuser::Ball BlockFuser::ball_around(BlockCoordinates at) const {
   const double to_middle_m = (kBlockEdge - 1) * 0.5 * voxel_m_;
-  const Point middle =
-      narrowed(T_depth_map_ * (first_centre_in_map(at) + Vec3{to_middle_m, to_middle_m, to_middle_m}));
-  const float radius_m = static_cast<float>(to_middle_m * std::sqrt(3.0));
-  return middle[2] - radius_m < far_m_ && lens_.may_see(middle[0], middle[1], middle[2], radius_m);
+  return {narrowed(T_depth_map_ * (first_centre_in_map(at) + Vec3{to_middle_m, to_middle_m, to_middle_m})),
+          static_cast<float>(to_middle_m * std::sqrt(3.0))};
+}
+
+bool BlockFuser::sees(const Ball& ball) const {
+  const auto [x, y, z] = ball.middle;
+  return z - ball.radius_m < far_m_ && lens_.may_see(x, y, z, ball.radius_m);
+}
+
+bool BlockFuser::in_view(BlockCoordinates at) const {
+  return sees(ball_around(at));
+}
+
+bool BlockFuser::may_tell(BlockCoordinates at) const {
+  const Ball ball = ball_around(at);
+  if (!sees(ball)) return false;
+  const auto [x, y, z] = ball.middle;
+  const float farthest = horizon_.farthest_m(x, y, z, ball.radius_m);
+  return z - ball.radius_m <= farthest + truncation_m(farthest);
+}
+
+float BlockFuser::truncation_m(float z_m) const {
+  return std::max(static_cast<float>(voxel_m_), kTruncationSigmas * noise_m_at_1m_ * z_m * z_m);
 }
 
 BlockFuser::Change BlockFuser::fuse(BlockCoordinates at, std::span<Voxel, kBlockVoxels> voxels) const {
@@ -88,23 +109,18 @@ BlockFuser::Change BlockFuser::fuse(BlockCoordinates at, std::span<Voxel, kBlock
 void BlockFuser::fuse_row(Vec3 begin_map, const Point& begin, const Point& step, Voxel* voxels,
                           Change& change) const {
   const Lens::PixelRow pixels = lens_.pixels_of(begin, step);
+  const EvidenceRow by_depth = evidence_of(pixels, begin[2], step[2]);
   for (std::size_t i = 0; i < kBlockEdge; ++i) {
     Voxel& voxel = voxels[i];
     if (pixels.u[i] >= 0) {
       const float s = static_cast<float>(i);
       const Point p{begin[0] + s * step[0], begin[1] + s * step[1], begin[2] + s * step[2]};
       const Occupancy before = voxel.occupancy();
-      switch (evidence(voxel, p[2], z_m_[static_cast<std::size_t>(pixels.v[i] * width_ + pixels.u[i])])) {
-        case Evidence::None:
-          break;
-        case Evidence::Free:
-          change.shown |= miss(voxel);
-          break;
-        case Evidence::Occupied: {
-          const Vec3 p_map = begin_map + Vec3{static_cast<double>(i) * voxel_m_, 0, 0};
-          if (const Bgr* colour = colour_at(p)) change.shown |= hit(voxel, *colour, worth_of(voxel, p_map));
-          break;
-        }
+      if (by_depth[i] == kOccupied || holds_points(voxel, p[2])) {
+        const Vec3 p_map = begin_map + Vec3{static_cast<double>(i) * voxel_m_, 0, 0};
+        if (const Bgr* colour = colour_at(p)) change.shown |= hit(voxel, *colour, worth_of(voxel, p_map));
+      } else if (by_depth[i] == kFree) {
+        change.shown |= miss(voxel);
       }
       change.known |= voxel.occupancy() != before;
     }
@@ -112,17 +128,29 @@ void BlockFuser::fuse_row(Vec3 begin_map, const Point& begin, const Point& step,
   }
 }
 
-BlockFuser::Evidence BlockFuser::evidence(const Voxel& voxel, float depth_m, float measured_m) const {
-  if (voxel.last_hit == frame_mark_) {
-    const float enough = enough_points_at_1m_ / (depth_m * depth_m);
-    if (static_cast<float>(voxel.points) >= std::min(enough, kMostPoints)) return Evidence::Occupied;
+BlockFuser::EvidenceRow BlockFuser::evidence_of(const Lens::PixelRow& pixels, float begin_m,
+                                                float step_m) const {
+  std::array<float, kBlockEdge> measured_m{};
+  for (std::size_t i = 0; i < kBlockEdge; ++i) {
+    if (pixels.u[i] >= 0) measured_m[i] = z_m_[static_cast<std::size_t>(pixels.v[i] * width_ + pixels.u[i])];
   }
-  if (measured_m == 0) return Evidence::None;
-  const float z = std::abs(measured_m), d = depth_m - z;
-  const float truncation_m =
-      std::max(static_cast<float>(voxel_m_), kTruncationSigmas * noise_m_at_1m_ * z * z);
-  if (d < -truncation_m) return Evidence::Free;
-  return measured_m > 0 && std::abs(d) <= 0.5f * truncation_m ? Evidence::Occupied : Evidence::None;
+  // Without branches, so that the compiler does several voxels at once.
+  EvidenceRow row;
+  for (std::size_t i = 0; i < kBlockEdge; ++i) {
+    const float z = std::abs(measured_m[i]);
+    const float d = begin_m + static_cast<float>(static_cast<int>(i)) * step_m - z;
+    const float t = truncation_m(z);
+    const int free = static_cast<int>(z > 0) & static_cast<int>(d < -t);
+    const int near = static_cast<int>(measured_m[i] > 0) & static_cast<int>(std::abs(d) <= 0.5f * t);
+    row[i] = free * kFree + near * kOccupied;
+  }
+  return row;
+}
+
+bool BlockFuser::holds_points(const Voxel& voxel, float depth_m) const {
+  if (voxel.last_hit != frame_mark_) return false;
+  const float enough = enough_points_at_1m_ / (depth_m * depth_m);
+  return static_cast<float>(voxel.points) >= std::min(enough, kMostPoints);
 }
 
 const Bgr* BlockFuser::colour_at(const Point& p_depth) const {

@@ -8,6 +8,7 @@
 #include "core/camera.h"
 #include "core/geometry.h"
 #include "core/image.h"
+#include "map/depth_horizon.h"
 #include "map/lens.h"
 #include "map/mover_trail.h"
 #include "map/voxel.h"
@@ -38,25 +39,40 @@ class BlockFuser {
   };
 
   /// `trail` must outlive the fuser; null: movers leave none. Each picture counts for `looks`.
-  BlockFuser(const CameraModel& camera, const RayTable& rays, const MoverTrail* trail, double voxel_m,
-             bool planning, int looks = 1);
+  BlockFuser(Arena& arena, const CameraModel& camera, const RayTable& rays, const MoverTrail* trail,
+             double voxel_m, int looks = 1);
 
-  /// `z_m` as MeasuredDepth has it; `frame_mark` is what Voxel::last_hit holds where a point of this frame
-  /// lies.
+  /// `z_m` as MeasuredDepth has it, or empty where only `in_view` is asked; `frame_mark` is what
+  /// Voxel::last_hit holds where a point of this frame lies.
   void begin_frame(const Pose& T_map_camera_depth, const Pose& T_map_camera_colour,
                    std::span<const float> z_m, ImageView<const Bgr> colour, double max_range_m,
                    std::uint16_t frame_mark);
   bool in_view(BlockCoordinates at) const;
+  /// Whether the frame may say anything of a block: more than half of those in view are hidden.
+  bool may_tell(BlockCoordinates at) const;
   Change fuse(BlockCoordinates at, std::span<Voxel, kBlockVoxels> voxels) const;
 
  private:
-  enum class Evidence : std::uint8_t { None, Free, Occupied };
+  /// What the depth at its pixel says of each voxel of a row: 0 is nothing.
+  static constexpr int kFree = 1, kOccupied = 2;
+  using EvidenceRow = std::array<int, kBlockEdge>;
   using Point = std::array<float, 3>;  // of the depth camera's frame, m
 
   Vec3 first_centre_in_map(BlockCoordinates at) const;
+  struct Ball {
+    Point middle;  // of the depth camera's frame, m
+    float radius_m;
+  };
+  /// Around the centres of a block's voxels.
+  Ball ball_around(BlockCoordinates at) const;
+  bool sees(const Ball& ball) const;
+  float truncation_m(float z_m) const;
   /// The row of voxels whose first centre is at `begin_map` in the map, at `begin` in the depth camera.
   void fuse_row(Vec3 begin_map, const Point& begin, const Point& step, Voxel* voxels, Change& change) const;
-  Evidence evidence(const Voxel& voxel, float depth_m, float measured_m) const;
+  /// Of voxels whose depths begin at `begin_m`, `step_m` apart.
+  EvidenceRow evidence_of(const Lens::PixelRow& pixels, float begin_m, float step_m) const;
+  /// Whether enough points of this frame lie in a voxel at this depth.
+  bool holds_points(const Voxel& voxel, float depth_m) const;
   /// The colour picture's pixel at a point; null where it is outside.
   const Bgr* colour_at(const Point& p_depth) const;
   /// What a hit adds to a voxel's log-odds, and how high it takes them at most.
@@ -69,6 +85,7 @@ class BlockFuser {
   bool miss(Voxel& voxel) const;
 
   Lens lens_;
+  DepthHorizon horizon_;
   const MoverTrail* trail_;
   int looks_;
   double voxel_m_;

@@ -28,7 +28,7 @@ MapCorrector::MapCorrector(Arena& arena, const Config::Map& config, const Camera
       poses_(arena),
       copies_(arena, camera, static_cast<std::size_t>(config.keyframe_copies)),
       rays_(arena, copies_.camera()),
-      fuser_(copies_.camera(), rays_, nullptr, config.voxel_m, arena.planning(), kLooksOfACopy),
+      fuser_(arena, copies_.camera(), rays_, nullptr, config.voxel_m, kLooksOfACopy),
       z_m_(arena.take<float>("map_keyframe_depth", static_cast<std::size_t>(copies_.camera().width) *
                                                        static_cast<std::size_t>(copies_.camera().height))),
       shown_m2_(arena.take<float>("map_block_shown",
@@ -167,7 +167,7 @@ void MapCorrector::fuse_copy(const KeyframeCopies::Copy& copy, std::uint16_t fra
                      frame_mark);
   for (int i = 0; i < table_.size(); ++i) {
     const Block& block = table_.block(i);
-    if (block.state != BlockState::Current || block.made_epoch < since_epoch_ || !fuser_.in_view(block.at))
+    if (block.state != BlockState::Current || block.made_epoch < since_epoch_ || !fuser_.may_tell(block.at))
       continue;
     const BlockFuser::Change change = fuser_.fuse(block.at, table_.voxels(i));
     table_.note_fused(i, sequence_, change.shown, change.occupied);

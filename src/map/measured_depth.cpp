@@ -11,19 +11,26 @@ namespace {
 
 /// How a reading relates to its four neighbours.
 struct Edge {
-  int nearest;  ///< the least of them that there is
-  int is_step;  ///< 1 where one differs by more than 1/20: it stands on another surface
+  std::uint16_t nearest;  ///< the least of them that there is
+  std::uint16_t is_step;  ///< 1 where one differs by more than 1/20: it stands on another surface
 };
 
-/// Without branches, so that the compiler does several pixels at once. A neighbour without reading says
-/// nothing.
-Edge edge_at(int raw, int left, int right, int above, int below) {
+/// Without branches and in 16 bits, so that the compiler does eight pixels at once. A neighbour without
+/// reading says nothing.
+Edge edge_at(std::uint16_t raw, std::uint16_t left, std::uint16_t right, std::uint16_t above,
+             std::uint16_t below) {
+  const std::uint16_t most = raw / 20;
   Edge edge{raw, 0};
-  for (const int neighbour : {left, right, above, below}) {
-    const int there = neighbour != 0 ? neighbour : raw;
+  const auto compare = [&](std::uint16_t neighbour) {
+    const auto there = static_cast<std::uint16_t>(neighbour | (raw & -static_cast<int>(neighbour == 0)));
+    const std::uint16_t near = there < raw ? there : raw, far = there < raw ? raw : there;
     edge.nearest = there < edge.nearest ? there : edge.nearest;
-    edge.is_step |= static_cast<int>(20 * std::abs(raw - there) > raw);
-  }
+    edge.is_step |= static_cast<std::uint16_t>(far - near) > most ? 1 : 0;
+  };
+  compare(left);
+  compare(right);
+  compare(above);
+  compare(below);
   return edge;
 }
 
@@ -67,32 +74,43 @@ void MeasuredDepth::prepare_row(ImageView<const std::uint16_t> depth, int y) {
 void MeasuredDepth::leave_out(ImageView<const std::uint16_t> depth, const DynamicMask& mask) {
   if (mask.rule == DynamicRule::Paper) {
     for (const Detection& d : mask.boxes.items) {
-      if (d.kind == ClassKind::Dynamic) leave_out_in(d.box, depth, mask);
+      if (d.kind == ClassKind::Dynamic) leave_out_in(d.box, Readings{}, depth);
     }
     return;
   }
   for (int row = 0; row < mask.rows; ++row) {
     for (int column = 0; column < mask.columns; ++column) {
-      if (mask.cells[static_cast<std::size_t>(row * mask.columns + column)].label != Label::Dynamic) continue;
+      const DynamicMask::Cell& cell = mask.cells[static_cast<std::size_t>(row * mask.columns + column)];
+      if (cell.label != Label::Dynamic) continue;
       const float x = static_cast<float>(column * mask.cell_px), y = static_cast<float>(row * mask.cell_px);
       const float edge = static_cast<float>(mask.cell_px);
-      leave_out_in({x, y, x + edge, y + edge}, depth, mask);
+      leave_out_in({x, y, x + edge, y + edge}, readings_of(cell), depth);
     }
   }
 }
 
-void MeasuredDepth::leave_out_in(const Box& region, ImageView<const std::uint16_t> depth,
-                                 const DynamicMask& mask) {
+MeasuredDepth::Readings MeasuredDepth::readings_of(const DynamicMask::Cell& cell) const {
+  const double per_mm = camera_.depth_units_per_m / 1000;
+  const auto mm = [this](int raw) { return raw / camera_.depth_units_per_m * 1000; };
+  Readings readings{static_cast<int>(cell.near_mm * per_mm) - 1, static_cast<int>(cell.far_mm * per_mm) + 1};
+  while (mm(readings.first) < cell.near_mm) ++readings.first;
+  while (mm(readings.last) > cell.far_mm) --readings.last;
+  return readings;
+}
+
+void MeasuredDepth::leave_out_in(const Box& region, Readings readings, ImageView<const std::uint16_t> depth) {
   if (!(region.width() > 0 && region.height() > 0)) return;  // a NaN comes out here, too
-  const float w = static_cast<float>(camera_.width), h = static_cast<float>(camera_.height);
-  const int x0 = static_cast<int>(std::clamp(std::floor(region.x0), 0.0f, w));
-  const int x1 = static_cast<int>(std::clamp(std::ceil(region.x1), 0.0f, w));
-  const int y0 = static_cast<int>(std::clamp(std::floor(region.y0), 0.0f, h));
-  const int y1 = static_cast<int>(std::clamp(std::ceil(region.y1), 0.0f, h));
-  for (int y = y0; y < y1; ++y) {
+  const auto within = [](float at, int size) {
+    return static_cast<int>(std::clamp(std::ceil(at), 0.0f, static_cast<float>(size)));
+  };
+  const int x0 = within(region.x0, camera_.width), x1 = within(region.x1, camera_.width);
+  const int y1 = within(region.y1, camera_.height);
+  for (int y = within(region.y0, camera_.height); y < y1; ++y) {
     float* z_m = z_m_.data() + static_cast<std::ptrdiff_t>(y) * camera_.width;
+    const std::uint16_t* raw = depth.row(y);
     for (int x = x0; x < x1; ++x) {
-      if (z_m[x] > 0 && left_out_of_map(mask, x, y, camera_.depth_m(depth.at(x, y)))) z_m[x] = -z_m[x];
+      const int out = static_cast<int>(raw[x] >= readings.first) & static_cast<int>(raw[x] <= readings.last);
+      z_m[x] = out != 0 ? -std::abs(z_m[x]) : z_m[x];
     }
   }
 }

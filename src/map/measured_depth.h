@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 #include <span>
 
 #include "core/arena.h"
@@ -23,15 +24,23 @@ class MeasuredDepth {
  public:
   MeasuredDepth(Arena& arena, const CameraModel& camera, double max_range_m);
 
-  /// `depth` is of the camera's size and in its depth units; `mask` belongs to the same frame.
+  /// `depth` is of the camera's size and in its depth units; `mask` belongs to the same frame. What it calls
+  /// Dynamic is not mapped; under the paper's rule all of a dynamic box, as the paper removes it from colour
+  /// and depth of a keyframe.
   void prepare(ImageView<const std::uint16_t> depth, const DynamicMask& mask);
   /// Row-major, camera.width * camera.height numbers as above.
   std::span<const float> z_m() const { return z_m_; }
 
  private:
   void prepare_row(ImageView<const std::uint16_t> depth, int y);
+  /// Depth readings as they are in the picture, inclusive.
+  struct Readings {
+    int first = 0, last = std::numeric_limits<std::uint16_t>::max();
+  };
+  /// What of them lies in the cell's interval, as `label_at` has it.
+  Readings readings_of(const DynamicMask::Cell& cell) const;
   void leave_out(ImageView<const std::uint16_t> depth, const DynamicMask& mask);
-  void leave_out_in(const Box& region, ImageView<const std::uint16_t> depth, const DynamicMask& mask);
+  void leave_out_in(const Box& region, Readings readings, ImageView<const std::uint16_t> depth);
 
   CameraModel camera_;
   float max_range_m_;

@@ -96,7 +96,7 @@ enum class BlockState : std::uint8_t { Current, Old, Empty };
 struct Block {
   BlockCoordinates at;
   std::uint32_t anchor_keyframe = 0;  ///< id of the keyframe at whose fusion the block was made
-  std::uint64_t fused_sequence = 0;   ///< frame that last had this block in view
+  std::uint64_t fused_sequence = 0;   ///< frame that last could tell something of it
   std::uint64_t changed_sequence =
       0;                         ///< frame that last changed what the block shows: occupied voxels or colours
   std::uint64_t version = 0;     ///< the table's `changes()` when what the block shows last changed

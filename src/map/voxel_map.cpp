@@ -39,11 +39,13 @@ VoxelMap::VoxelMap(Arena& arena, const Config::Map& config, const CameraModel& c
       table_(arena, static_cast<std::size_t>(config.capacity_voxels / kBlockVoxels), &free_space_, evicted),
       measured_(arena, camera, config.max_range_m),
       trail_(arena, camera, rays),
-      fuser_(camera, rays, &trail_, config.voxel_m, arena.planning()),
+      fuser_(arena, camera, rays, &trail_, config.voxel_m),
       corrector_(arena, config, camera, table_),
       row_x_(arena.take<std::int32_t>("map_row_x", static_cast<std::size_t>(camera.width))),
       row_y_(arena.take<std::int32_t>("map_row_y", static_cast<std::size_t>(camera.width))),
-      row_z_(arena.take<std::int32_t>("map_row_z", static_cast<std::size_t>(camera.width))) {}
+      row_z_(arena.take<std::int32_t>("map_row_z", static_cast<std::size_t>(camera.width))),
+      row_begins_(arena.take<std::int32_t>("map_row_begins", static_cast<std::size_t>(camera.width))),
+      runs_(arena.take<Run>("map_row_runs", static_cast<std::size_t>(camera.width) + 1)) {}
 
 FuseOutcome VoxelMap::fuse(const FuseInput& input) {
   if (const FuseOutcome wrong = check(input); wrong != FuseOutcome::Fused) return wrong;
@@ -56,7 +58,7 @@ FuseOutcome VoxelMap::fuse(const FuseInput& input) {
                      config_.max_range_m, frame_mark);
   for (int i = 0; i < table_.size(); ++i) {
     const Block& block = table_.block(i);
-    if (block.state != BlockState::Current || !fuser_.in_view(block.at)) continue;
+    if (block.state != BlockState::Current || !fuser_.may_tell(block.at)) continue;
     const BlockFuser::Change change = fuser_.fuse(block.at, table_.voxels(i));
     table_.note_fused(i, input.sequence, change.shown, change.occupied);
     if (change.known) table_.publish(i);
@@ -121,17 +123,17 @@ FuseOutcome VoxelMap::check(const FuseInput& input) const {
 void VoxelMap::mark_points(const FuseInput& input, std::uint16_t frame_mark) {
   const Vec3 t = (1 / config_.voxel_m) * input.T_map_camera_depth.t;
   table_.begin_frame(block_of(voxel_at(t)));
-  const std::span<const float> z_m = measured_.z_m();
   std::uint64_t points = 0, distinct = 0;
   BlockCoordinates at;
   int index = BlockTable::kNone;
   bool have_block = false;
   for (int y = 0; y < camera_.height; ++y) {
     place_row(y, input.T_map_camera_depth);
-    const float* z = z_m.data() + static_cast<std::ptrdiff_t>(y) * camera_.width;
-    for (std::size_t x = 0; x < row_x_.size(); ++x) {
-      if (z[x] <= 0) continue;
-      // Neighbouring pixels mostly share a block: the table is asked only where it changes.
+    const std::size_t runs = find_runs(y);
+    for (std::size_t run = 0; run < runs; ++run) {
+      const std::size_t x = runs_[run].first_px;
+      const std::uint32_t here = runs_[run + 1].points_before - runs_[run].points_before;
+      // Neighbouring voxels mostly share a block: the table is asked only where it changes.
       const BlockCoordinates around = block_of(row_x_[x], row_y_[x], row_z_[x]);
       if (!have_block || !(around == at)) {
         at = around;
@@ -139,14 +141,14 @@ void VoxelMap::mark_points(const FuseInput& input, std::uint16_t frame_mark) {
         index = table_.find_or_add(at, input.anchor_keyframe);
       }
       if (index == BlockTable::kNone) continue;
-      ++points;
+      points += here;
       Voxel& voxel = table_.voxels(index)[place_in_block(row_x_[x], row_y_[x], row_z_[x])];
       if (voxel.last_hit != frame_mark) {
         voxel.last_hit = frame_mark;
         voxel.points = 0;
         ++distinct;
       }
-      voxel.points = static_cast<std::uint8_t>(voxel.points + (voxel.points < 255));
+      voxel.points = static_cast<std::uint8_t>(std::min(voxel.points + here, 255u));
     }
   }
   if (distinct == 0) return;
@@ -157,26 +159,55 @@ void VoxelMap::mark_points(const FuseInput& input, std::uint16_t frame_mark) {
 void VoxelMap::place_row(int y, const Pose& T_map_camera) {
   // In voxels from the camera's own voxel, so that single precision serves however far the camera is from the
   // origin.
-  const double per_voxel = 1 / config_.voxel_m;
-  const Vec3 t = per_voxel * T_map_camera.t;
-  const Vec3 base = {std::floor(t.x), std::floor(t.y), std::floor(t.z)};
-  const float* z_m = measured_.z_m().data() + static_cast<std::ptrdiff_t>(y) * camera_.width;
-  const auto place = [&](std::span<std::int32_t> out, int axis, double t_axis, double base_axis) {
-    const float rx = static_cast<float>(per_voxel * T_map_camera.R(axis, 0));
-    const float ry = static_cast<float>(per_voxel * T_map_camera.R(axis, 1));
-    const float rz = static_cast<float>(per_voxel * T_map_camera.R(axis, 2));
-    const float offset = static_cast<float>(t_axis - base_axis);
-    const std::int32_t whole = static_cast<std::int32_t>(base_axis);
-    std::int32_t* to = out.data();
-    const int width = camera_.width;
-    for (int x = 0; x < width; ++x) {
-      const RayTable::Ray ray = rays_.at(x, y);
-      to[x] = whole + static_cast<std::int32_t>(std::floor(z_m[x] * (rx * ray.x + ry * ray.y + rz) + offset));
+  struct Axis {
+    float rx, ry, rz, offset;
+    std::int32_t whole;
+    std::int32_t at(RayTable::Ray ray, float z_m) const {
+      return whole + static_cast<std::int32_t>(std::floor(z_m * (rx * ray.x + ry * ray.y + rz) + offset));
     }
   };
-  place(row_x_, 0, t.x, base.x);
-  place(row_y_, 1, t.y, base.y);
-  place(row_z_, 2, t.z, base.z);
+  const double per_voxel = 1 / config_.voxel_m;
+  const auto axis = [&](int i, double t_m) {
+    const double t = per_voxel * t_m, whole = std::floor(t);
+    return Axis{static_cast<float>(per_voxel * T_map_camera.R(i, 0)),
+                static_cast<float>(per_voxel * T_map_camera.R(i, 1)),
+                static_cast<float>(per_voxel * T_map_camera.R(i, 2)), static_cast<float>(t - whole),
+                static_cast<std::int32_t>(whole)};
+  };
+  const Axis x_axis = axis(0, T_map_camera.t.x), y_axis = axis(1, T_map_camera.t.y),
+             z_axis = axis(2, T_map_camera.t.z);
+  const int width = camera_.width;
+  const float* z_m = measured_.z_m().data() + static_cast<std::ptrdiff_t>(y) * width;
+  std::int32_t *to_x = row_x_.data(), *to_y = row_y_.data(), *to_z = row_z_.data();
+  for (int x = 0; x < width; ++x) {
+    const RayTable::Ray ray = rays_.at(x, y);
+    to_x[x] = x_axis.at(ray, z_m[x]);
+    to_y[x] = y_axis.at(ray, z_m[x]);
+    to_z[x] = z_axis.at(ray, z_m[x]);
+  }
+}
+
+std::size_t VoxelMap::find_runs(int y) {
+  const int width = camera_.width;
+  const float* z_m = measured_.z_m().data() + static_cast<std::ptrdiff_t>(y) * width;
+  const std::int32_t *at_x = row_x_.data(), *at_y = row_y_.data(), *at_z = row_z_.data();
+  std::int32_t* begins = row_begins_.data();
+  begins[0] = static_cast<int>(z_m[0] > 0);
+  for (int x = 1; x < width; ++x) {
+    const int same = static_cast<int>(at_x[x] == at_x[x - 1]) & static_cast<int>(at_y[x] == at_y[x - 1]) &
+                     static_cast<int>(at_z[x] == at_z[x - 1]) & static_cast<int>(z_m[x - 1] > 0);
+    begins[x] = static_cast<int>(z_m[x] > 0) & (1 - same);
+  }
+  // Without branches, since nobody can foretell where runs end.
+  std::size_t runs = 0;
+  std::uint32_t points = 0;
+  for (int x = 0; x < width; ++x) {
+    runs_[runs] = {static_cast<std::uint32_t>(x), points};
+    runs += static_cast<std::size_t>(begins[x]);
+    points += static_cast<std::uint32_t>(z_m[x] > 0);
+  }
+  runs_[runs] = {static_cast<std::uint32_t>(width), points};
+  return runs;
 }
 
 Occupancy VoxelMap::at(Vec3 p) const {

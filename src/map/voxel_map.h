@@ -103,6 +103,12 @@ class VoxelMap {
   FuseOutcome check(const FuseInput& input) const;
   void mark_points(const FuseInput& input, std::uint16_t frame_mark);
   void place_row(int y, const Pose& T_map_camera);
+  /// Neighbouring points of a picture row that lie in one voxel.
+  struct Run {
+    std::uint32_t first_px = 0, points_before = 0;
+  };
+  /// Of the row last placed: into `runs_`, with one more that says where the last one ends.
+  std::size_t find_runs(int y);
   std::uint16_t next_mark();
 
   Config::Map config_;
@@ -115,7 +121,10 @@ class VoxelMap {
   MoverTrail trail_;
   BlockFuser fuser_;
   MapCorrector corrector_;
-  std::span<std::int32_t> row_x_, row_y_, row_z_;  // of one picture row: the voxel each pixel's point lies in
+  // Of one picture row: the voxel that each pixel's point lies in, and 1 where it is not that of the pixel
+  // before.
+  std::span<std::int32_t> row_x_, row_y_, row_z_, row_begins_;
+  std::span<Run> runs_;
   std::uint64_t fused_frames_ = 0, reduced_frames_ = 0, marks_ = 0;
   double reduction_sum_ = 0;
 };

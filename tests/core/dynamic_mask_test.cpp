@@ -48,8 +48,6 @@ TEST(DynamicMask, PaperRuleIsTable2ForEveryCombinationOfBoxes) {
       for (const double depth_m : {0.0, 2.5}) {
         EXPECT_EQ(label_at(mask, kX, kY, depth_m), row.label)
             << row.in_dynamic << row.in_semi_static << row.in_static << " variant " << variant;
-        EXPECT_EQ(left_out_of_map(mask, kX, kY, depth_m), row.in_dynamic)
-            << "whole dynamic boxes leave the map";
       }
     }
   }
@@ -70,7 +68,6 @@ TEST(DynamicMask, OffRejectsNothing) {
   DynamicMask mask;
   ASSERT_TRUE(mask.boxes.items.try_push_back(box(ClassKind::Dynamic)));
   EXPECT_EQ(label_at(mask, kX, kY, 1), Label::Static);
-  EXPECT_FALSE(left_out_of_map(mask, kX, kY, 1));
 }
 
 class Silhouette : public testing::Test {
@@ -94,9 +91,6 @@ TEST_F(Silhouette, ACellIsSplitByDepth) {
   EXPECT_EQ(label_at(mask_, kX, kY, 2.5), Label::Dynamic);
   EXPECT_EQ(label_at(mask_, kX, kY, 2.501), Label::Static);
   EXPECT_EQ(label_at(mask_, kX, kY, 0), Label::Unknown);
-  EXPECT_TRUE(left_out_of_map(mask_, kX, kY, 2));
-  EXPECT_FALSE(left_out_of_map(mask_, kX, kY, 3));
-  EXPECT_FALSE(left_out_of_map(mask_, kX, kY, 0));
 }
 
 TEST_F(Silhouette, NeighbouringCellsAreTheirOwn) {
@@ -109,7 +103,6 @@ TEST_F(Silhouette, NeighbouringCellsAreTheirOwn) {
 
 TEST_F(Silhouette, TheLastCellIsReachable) {
   EXPECT_EQ(label_at(mask_, 639, 479, 1.5), Label::SemiStatic);
-  EXPECT_FALSE(left_out_of_map(mask_, 639, 479, 1.5)) << "only movers are left out";
 }
 
 }  // namespace

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <array>
+#include <random>
 #include <vector>
 
 #include "map_scene.h"
@@ -20,7 +21,7 @@ struct FuserUnderTest {
   Arena arena{1 << 20};
   RayTable rays{arena, camera};
   MoverTrail trail{arena, camera, rays};
-  BlockFuser fuser{camera, rays, &trail, 0.04, false};
+  BlockFuser fuser{arena, camera, rays, &trail, 0.04};
   std::vector<float> z_m = std::vector<float>(160 * 120);
   std::vector<Bgr> colour = std::vector<Bgr>(160 * 120, Bgr{10, 20, 30});
   std::array<Voxel, kBlockVoxels> voxels{};
@@ -151,6 +152,47 @@ TEST(BlockFuser, sees_blocks_in_its_view_only) {
   EXPECT_FALSE(t.fuser.in_view({20, 0, 4}));
   EXPECT_FALSE(t.fuser.in_view({0, -20, 4}));
   EXPECT_FALSE(t.fuser.in_view({0, 0, 16})) << "beyond the range of 4.5 m";
+}
+
+/// Patches of many depths, some unmapped, some without reading, before a lens that bends, from many sides.
+TEST(BlockFuser, nothing_can_be_told_of_what_is_hidden) {
+  const CameraModel camera = test::small_camera(true);
+  Arena arena{1 << 20};
+  const RayTable rays(arena, camera);
+  BlockFuser fuser(arena, camera, rays, nullptr, 0.04);
+  std::mt19937 random(5);
+  const std::vector<Bgr> colour(160 * 120);
+  std::vector<float> z_m(160 * 120);
+  int in_view = 0, hidden = 0, told = 0;
+  for (int round = 0; round < 20; ++round) {
+    const std::size_t patch = 1 + random() % 40;
+    std::vector<float> patches(160 * 120);
+    for (float& z : patches)
+      z = std::array{1.0f, -1.0f, 1.0f, 0.0f}[random() % 4] *
+          (0.5f + 0.001f * static_cast<float>(random() % 2500));
+    for (std::size_t i = 0; i < z_m.size(); ++i) z_m[i] = patches[i / 160 / patch * 160 + i % 160 / patch];
+    const Pose T{exp_so3({0.3 * round, 0.7 * round, 0}), {0.1, 0.2, 0.3}};
+    fuser.begin_frame(T, T, z_m, {colour.data(), 160, 120, 160}, 4.5, 1);
+    for (std::int32_t i = 0; i < 28 * 28 * 28; ++i) {
+      const BlockCoordinates at{i % 28 - 14, i / 28 % 28 - 14, i / (28 * 28) - 14};
+      if (!fuser.in_view(at)) {
+        EXPECT_FALSE(fuser.may_tell(at));
+        continue;
+      }
+      ++in_view;
+      std::array<Voxel, kBlockVoxels> voxels{};
+      fuser.fuse(at, voxels);
+      const bool tells = std::ranges::any_of(voxels, [](const Voxel& v) { return v.log_odds != 0; });
+      if (fuser.may_tell(at)) {
+        told += static_cast<int>(tells);
+      } else {
+        ++hidden;
+        ASSERT_FALSE(tells) << at.x << " " << at.y << " " << at.z << " in round " << round;
+      }
+    }
+  }
+  EXPECT_GT(told, 1000);
+  EXPECT_GT(hidden, in_view / 4);
 }
 
 }  // namespace

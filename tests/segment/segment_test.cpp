@@ -62,8 +62,8 @@ TEST(Segment, SplitsAPersonFromTheWall) {
   EXPECT_EQ(share(*mask, scene, Label::Dynamic, 260, 100, 380, 400), 1);
   EXPECT_EQ(share(*mask, scene, Label::Static, 240, 90, 260, 410), 1);
   EXPECT_EQ(share(*mask, scene, Label::Static, 0, 0, 240, 480), 1);
-  EXPECT_FALSE(left_out_of_map(*mask, 245, 200, 3.0));
-  EXPECT_TRUE(left_out_of_map(*mask, 300, 200, 1.8));
+  EXPECT_EQ(label_at(*mask, 245, 200, 3.0), Label::Static);
+  EXPECT_EQ(label_at(*mask, 300, 200, 1.8), Label::Dynamic);
 }
 
 TEST(Segment, AMaskIsMadeAnewEachTime) {
