@@ -7,8 +7,9 @@ namespace stillmap {
 
 namespace {
 
-constexpr std::uint32_t kApart = 15;       // keyframes between the two ends of a loop
-constexpr int kTied = 15;                  // shared points that already hold two keyframes together
+constexpr std::uint32_t kApart = 15;  // keyframes between the two ends of a loop
+constexpr int kTied = 15;             // shared points that already hold two keyframes together
+constexpr std::size_t kVotersPerFrame = 100;
 constexpr int kFewestResembling = 8;       // features, for a candidate
 constexpr std::uint32_t kSuccessive = 10;  // keyframes within which the next one must confirm
 
@@ -17,8 +18,11 @@ constexpr double kOff_m = 0.06, kOff_rad = 0.05, kOdometryShare = 0.05;
 
 }  // namespace
 
-LoopCloser::LoopCloser(Arena& arena, const Config::Track& config, const CameraModel& camera)
-    : matcher_(arena, config, camera),
+LoopCloser::LoopCloser(Arena& arena, const Config::Track& config, const CameraModel& camera,
+                       const PlaceIndex& places)
+    : places_(places),
+      query_(arena, places),
+      matcher_(arena, config, camera),
       pair_(arena.take<Keyframe>("loop_closer.pair", 2)),
       marked_(arena.take<std::uint32_t>("loop_closer.points", static_cast<std::size_t>(config.points))) {}
 
@@ -41,21 +45,30 @@ bool LoopCloser::is_tied(const Keyframe& keyframe) const {
          });
 }
 
-void LoopCloser::ask(const LocalMap& map, std::size_t slot, PlaceIndex& places) {
+void LoopCloser::ask(const LocalMap& map, std::size_t slot) {
   ++counts_.asked;
   if (busy()) {
     ++counts_.skipped;
     return;
   }
-  const Keyframe& a = map.keyframes()[slot];
-  asking_ = {slot, a.id};
+  asking_ = {slot, map.keyframes()[slot].id};
   candidates_.clear();
   next_ = 0;
-  mark_points(a);
-  for (const PlaceCandidate& c : places.query(slot)) {
+  query_.begin(places_.descriptors(slot));
+  gathering_ = true;
+}
+
+void LoopCloser::gather(const LocalMap& map) {
+  if (!gathering_) return;
+  const Keyframe* a = find(map, asking_);
+  if (a == nullptr) return end_question();  // the ring has given its slot to another keyframe
+  if (!query_.vote(kVotersPerFrame)) return;
+  gathering_ = false;
+  mark_points(*a);
+  for (const PlaceCandidate& c : query_.ranked()) {
     const Keyframe& b = map.keyframes()[c.slot];
-    if (c.features < kFewestResembling || !b.alive || b.id >= a.id) continue;
-    const bool apart = a.id - b.id >= kApart || b.segment != a.segment;
+    if (c.features < kFewestResembling || !b.alive || b.id >= a->id) continue;
+    const bool apart = a->id - b.id >= kApart || b.segment != a->segment;
     if (!apart || is_tied(b)) continue;
     if (!candidates_.try_push_back({c.slot, b.id})) break;
   }
@@ -84,9 +97,10 @@ bool LoopCloser::awaits(std::uint32_t keyframe_id) const {
 }
 
 bool LoopCloser::prepare(const LocalMap& map, Random random) {
+  if (gathering_) return false;
   const Keyframe* a = find(map, asking_);
-  if (a == nullptr) end_question();  // the ring has given its slot to another keyframe
-  for (; busy(); ++next_) {
+  if (a == nullptr) end_question();
+  for (; next_ < candidates_.size(); ++next_) {
     const Keyframe* b = find(map, candidates_[next_]);
     if (b == nullptr) continue;
     pair_[0] = *a;

@@ -38,18 +38,21 @@ struct LoopCounts {
 /// more: candidates from the place index, geometric verification of each, and two successive keyframes that
 /// say the same. The same joins a segment that was begun after a loss to an older one.
 ///
-/// `ask` once per keyframe; then, while `prepare` says that there is a pair to compare, `compare` it, which
-/// may be another thread's, and `judge`. No heap after construction.
+/// `ask` once per keyframe, and `gather` once per frame; then, while `prepare` says that there is a pair to
+/// compare, `compare` it, which may be another thread's, and `judge`. No heap after construction.
 class LoopCloser {
  public:
-  LoopCloser(Arena& arena, const Config::Track& config, const CameraModel& camera);
+  /// `places` has the keyframes by their slots, and must outlive this.
+  LoopCloser(Arena& arena, const Config::Track& config, const CameraModel& camera, const PlaceIndex& places);
 
-  /// Asks for keyframe `slot` of `map`; nothing happens while busy. Keyframes of another segment, however
-  /// new, are not tied to this one.
-  void ask(const LocalMap& map, std::size_t slot, PlaceIndex& places);
+  /// Asks for keyframe `slot` of `map`; nothing happens while busy.
+  void ask(const LocalMap& map, std::size_t slot);
+  /// Looks for keyframes that resemble it, some of its features at a time: all take several ms. Keyframes of
+  /// another segment, however new, are not tied to this one.
+  void gather(const LocalMap& map);
   /// The newest sighting needs a second one to be believed, and this keyframe can still give it.
   bool awaits(std::uint32_t keyframe_id) const;
-  bool busy() const { return next_ < candidates_.size(); }
+  bool busy() const { return gathering_ || next_ < candidates_.size(); }
   /// Copies the question's next pair of keyframes out of the map. False where none is left.
   bool prepare(const LocalMap& map, Random random);
   /// Some 30 million instructions. Looks at nothing but the copies.
@@ -73,8 +76,13 @@ class LoopCloser {
   /// To the keyframe whose points are marked, by points that both see.
   bool is_tied(const Keyframe& keyframe) const;
   bool confirms(const Sighting& earlier, const Sighting& now) const;
-  void end_question() { next_ = candidates_.size(); }
+  void end_question() {
+    gathering_ = false;
+    next_ = candidates_.size();
+  }
 
+  const PlaceIndex& places_;
+  PlaceQuery query_;
   ViewMatcher matcher_;
   // What `compare` works on.
   std::span<Keyframe> pair_;
@@ -83,6 +91,7 @@ class LoopCloser {
 
   std::span<std::uint32_t> marked_;  // ids of the asking keyframe's points, by slot
   KeyframeRef asking_;
+  bool gathering_ = false;
   FixedVector<KeyframeRef, kCandidates> candidates_;
   std::size_t next_ = 0;              // candidate at work
   std::optional<Sighting> sighting_;  // the newest that geometry verified

@@ -16,20 +16,21 @@ namespace stillmap {
 /// construction.
 class LoopClosing {
  public:
-  LoopClosing(Arena& arena, const Config::Track& config, const CameraModel& camera)
-      : closer_(arena, config, camera),
+  /// `places` has the map's keyframes by their slots, and must outlive this.
+  LoopClosing(Arena& arena, const Config::Track& config, const CameraModel& camera, const PlaceIndex& places)
+      : closer_(arena, config, camera, places),
         correction_(arena, static_cast<std::size_t>(config.keyframes),
                     static_cast<std::size_t>(config.points)) {}
 
   /// The tracker's, after keyframe `slot` has been made. A question costs the worker some 30 ms, and a loop
   /// can wait: one is asked a second, and more only to confirm what the last one saw.
-  void ask(const LocalMap& map, std::size_t slot, PlaceIndex& places) {
+  void ask(const LocalMap& map, std::size_t slot) {
     const Keyframe& keyframe = map.keyframes()[slot];
     constexpr Nanoseconds kPause_ns = 1'000'000'000;
     const bool pausing = keyframe.stamp_ns - asked_ns_ < kPause_ns && keyframe.stamp_ns >= asked_ns_;
     if (correcting_ || closer_.busy() || (pausing && !closer_.awaits(keyframe.id))) return;
     asked_ns_ = keyframe.stamp_ns;
-    closer_.ask(map, slot, places);
+    closer_.ask(map, slot);
   }
   /// The tracker's, once a frame: takes what the worker has found, and gives it what comes next. When a loop
   /// has been closed, the map is mended, the segments that it joins are one, and what map -> odom is to be
@@ -47,6 +48,7 @@ class LoopClosing {
       }
       turns_.rest();
     }
+    closer_.gather(map);
     if (correcting_ || closer_.prepare(map, random)) turns_.offer();
     return moved;
   }

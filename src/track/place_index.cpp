@@ -37,10 +37,8 @@ std::uint16_t PlaceIndex::Table::key_of(const Descriptor& d) const {
 }
 
 PlaceIndex::PlaceIndex(Arena& arena, std::size_t keyframes, std::size_t features)
-    : features_(features),
-      places_(arena.take<Place>("places", keyframes)),
-      resembled_(arena.take<std::uint32_t>("places.resembled", keyframes)),
-      candidates_(arena.take<PlaceCandidate>("places.candidates", keyframes)) {
+    : keyframes_(keyframes),
+      features_(features), places_(arena.take<std::span<const Descriptor>>("places", keyframes)) {
   STILLMAP_CHECK(keyframes < 0xffff && features < 0xffff);
   const auto even = most_even_bits();
   for (std::size_t t = 0; t < kTables; ++t) {
@@ -56,7 +54,7 @@ PlaceIndex::PlaceIndex(Arena& arena, std::size_t keyframes, std::size_t features
 
 void PlaceIndex::clear() {
   for (Table& table : tables_) std::fill(table.heads.begin(), table.heads.end(), kEnd);
-  for (Place& place : places_) place.descriptors = {};
+  std::ranges::fill(places_, std::span<const Descriptor>{});
 }
 
 void PlaceIndex::take_out(Table& table, Node node) {
@@ -68,18 +66,17 @@ void PlaceIndex::take_out(Table& table, Node node) {
 }
 
 void PlaceIndex::remove(std::size_t slot) {
-  Place& place = places_[slot];
   const auto first = static_cast<Node>(slot << 16);
   for (Table& table : tables_) {
-    for (Node i = 0; i < place.descriptors.size(); ++i) take_out(table, first + i);
+    for (Node i = 0; i < places_[slot].size(); ++i) take_out(table, first + i);
   }
-  place.descriptors = {};
+  places_[slot] = {};
 }
 
 void PlaceIndex::insert(std::size_t slot, std::span<const Descriptor> descriptors) {
   remove(slot);
   descriptors = descriptors.first(std::min(descriptors.size(), features_));
-  places_[slot].descriptors = descriptors;
+  places_[slot] = descriptors;
   const auto first = static_cast<Node>(slot << 16);
   for (Table& table : tables_) {
     for (Node i = 0; i < descriptors.size(); ++i) {
@@ -100,41 +97,47 @@ void PlaceIndex::insert(std::size_t slot, std::span<const Descriptor> descriptor
   }
 }
 
-void PlaceIndex::vote(const Descriptor& d, std::uint32_t voter) {
-  resembled_.clear();
-  for (Table& table : tables_) {
-    const std::uint16_t key = table.key_of(d);
-    for (Node node = table.head(key); node != kEnd; node = table.next[at(node)]) {
-      if (table.keys[at(node)] != key) continue;
-      ++visited_;
-      Place& place = places_[slot_of(node)];
-      if (place.last_voter == voter) continue;
-      if (hamming(d, place.descriptors[feature_of(node)]) > kMaxDistance) continue;
-      place.last_voter = voter;
-      ++place.features;
-      static_cast<void>(resembled_.try_push_back(static_cast<std::uint32_t>(slot_of(node))));
-    }
-  }
-  const double share = 1 / static_cast<double>(resembled_.size());
-  for (const std::uint32_t slot : resembled_) places_[slot].votes += share;
+PlaceQuery::PlaceQuery(Arena& arena, const PlaceIndex& index)
+    : index_(index),
+      votes_(arena.take<Votes>("places.votes", index.keyframes())),
+      resembled_(arena.take<std::uint32_t>("places.resembled", index.keyframes())),
+      candidates_(arena.take<PlaceCandidate>("places.candidates", index.keyframes())) {}
+
+void PlaceQuery::begin(std::span<const Descriptor> frame) {
+  frame_ = frame;
+  voted_ = 0;
+  visited_ = 0;
+  std::ranges::fill(votes_, Votes{});
 }
 
-std::span<const PlaceCandidate> PlaceIndex::query(std::span<const Descriptor> frame) {
-  visited_ = 0;
-  for (Place& place : places_) {
-    place.features = 0;
-    place.votes = 0;
-    place.last_voter = kEnd;
+bool PlaceQuery::vote(std::size_t features) {
+  const std::size_t end = voted_ + std::min(features, frame_.size() - voted_);
+  while (voted_ < end) {
+    const Descriptor& d = frame_[voted_++];
+    resembled_.clear();
+    index_.for_each_alike(d, [&](std::size_t slot, const Descriptor& other) {
+      ++visited_;
+      Votes& votes = votes_[slot];
+      if (votes.last_voter == voted_ || hamming(d, other) > kMaxDistance) return;
+      votes.last_voter = voted_;
+      ++votes.features;
+      static_cast<void>(resembled_.try_push_back(static_cast<std::uint32_t>(slot)));
+    });
+    const double share = 1 / static_cast<double>(resembled_.size());
+    for (const std::uint32_t slot : resembled_) votes_[slot].share += share;
   }
-  for (std::uint32_t voter = 0; voter < frame.size(); ++voter) vote(frame[voter], voter);
+  return voted_ == frame_.size();
+}
+
+std::span<const PlaceCandidate> PlaceQuery::ranked() {
   candidates_.clear();
-  for (std::size_t slot = 0; slot < places_.size(); ++slot) {
-    const Place& place = places_[slot];
-    if (place.features == 0) continue;
-    const double score = place.votes / static_cast<double>(frame.size());
-    static_cast<void>(candidates_.try_push_back({slot, place.features, score}));
+  for (std::size_t slot = 0; slot < votes_.size(); ++slot) {
+    const Votes& votes = votes_[slot];
+    if (votes.features == 0) continue;
+    const double score = votes.share / static_cast<double>(frame_.size());
+    static_cast<void>(candidates_.try_push_back({slot, votes.features, score}));
   }
-  std::sort(candidates_.begin(), candidates_.end(), [](const PlaceCandidate& a, const PlaceCandidate& b) {
+  std::ranges::sort(candidates_, [](const PlaceCandidate& a, const PlaceCandidate& b) {
     return a.score != b.score ? a.score > b.score : a.slot < b.slot;
   });
   return candidates_;

@@ -37,13 +37,20 @@ class PlaceIndex {
   void remove(std::size_t slot);
   void clear();
 
-  /// The same for what is inserted as keyframe `slot`, which is among the results.
-  std::span<const PlaceCandidate> query(std::size_t slot) { return query(places_[slot].descriptors); }
-  /// Keyframes that a frame with these descriptors resembles, best score first, ties by slot. Valid until the
-  /// next call.
-  std::span<const PlaceCandidate> query(std::span<const Descriptor> frame);
-  /// Features that the last query met in its buckets: what its time is made of.
-  std::uint64_t visited() const { return visited_; }
+  std::size_t keyframes() const { return keyframes_; }
+  /// What is inserted as this keyframe.
+  std::span<const Descriptor> descriptors(std::size_t slot) const { return places_[slot]; }
+  /// Calls `visit(slot, descriptor)` for every feature whose key agrees with this descriptor's in one table:
+  /// a keyframe may come several times, and what it shows may look different all the same.
+  template <class Visit>
+  void for_each_alike(const Descriptor& d, Visit&& visit) const {
+    for (const Table& table : tables_) {
+      const std::uint16_t key = table.key_of(d);
+      for (Node node = table.head(key); node != kEnd; node = table.next[at(node)]) {
+        if (table.keys[at(node)] == key) visit(slot_of(node), places_[slot_of(node)][feature_of(node)]);
+      }
+    }
+  }
 
   static constexpr std::size_t kTables = 5, kKeyBits = 16;
 
@@ -63,25 +70,54 @@ class PlaceIndex {
     std::span<Node> before;         // by node: itself where it is the first; kEnd where it is in no chain
     std::span<std::uint16_t> keys;  // by node: its descriptor may be gone when it is taken out
     std::uint16_t key_of(const Descriptor& d) const;
-    Node& head(std::uint16_t key) { return heads[key % (std::size_t{1} << kBucketBits)]; }
-  };
-  struct Place {
-    std::span<const Descriptor> descriptors;
-    int features = 0;
-    double votes = 0;
-    std::uint32_t last_voter = 0;
+    Node& head(std::uint16_t key) const { return heads[key % (std::size_t{1} << kBucketBits)]; }
   };
   static std::size_t slot_of(Node node) { return node >> 16; }
   static std::size_t feature_of(Node node) { return node & 0xffff; }
   std::size_t at(Node node) const { return slot_of(node) * features_ + feature_of(node); }
   void take_out(Table& table, Node node);
-  void vote(const Descriptor& d, std::uint32_t voter);
 
-  std::size_t features_;
+  std::size_t keyframes_, features_;
   std::array<Table, kTables> tables_;
-  std::span<Place> places_;
+  std::span<std::span<const Descriptor>> places_;
+};
+
+/// Which keyframes of an index a frame resembles. All at once, or over as many frames as the time of one
+/// allows. No heap after construction.
+class PlaceQuery {
+ public:
+  /// `index` must outlive the query.
+  PlaceQuery(Arena& arena, const PlaceIndex& index);
+
+  /// Best score first, ties by slot. Valid until the next call.
+  std::span<const PlaceCandidate> ask(std::span<const Descriptor> frame) {
+    begin(frame);
+    vote(frame.size());
+    return ranked();
+  }
+  /// The same bit by bit: the descriptors must stay as they are until all have voted. A keyframe that is
+  /// inserted meanwhile has the votes of what was in its slot before, too.
+  void begin(std::span<const Descriptor> frame);
+  /// The next `features` vote. True once all have.
+  bool vote(std::size_t features);
+  std::span<const PlaceCandidate> ranked();
+
+  /// Features that have been met in buckets: what its time is made of.
+  std::uint64_t visited() const { return visited_; }
+
+ private:
+  struct Votes {
+    int features = 0;
+    double share = 0;
+    std::size_t last_voter = 0;  // counted from 1
+  };
+
+  const PlaceIndex& index_;
+  std::span<Votes> votes_;                // by slot
   ArenaVector<std::uint32_t> resembled_;  // keyframes, by the feature that votes
   ArenaVector<PlaceCandidate> candidates_;
+  std::span<const Descriptor> frame_;
+  std::size_t voted_ = 0;
   std::uint64_t visited_ = 0;
 };
 

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <utility>
 
 #include "track/grey.h"
 #include "track/keyframe_file.h"
@@ -50,11 +49,12 @@ Tracker::Tracker(Arena& arena, const Config& config)
            static_cast<std::size_t>(config.track.points)),
       builder_(config.track, config.camera),
       places_(arena, static_cast<std::size_t>(config.track.keyframes), kPlaceFeatures),
+      like_this_(arena, places_),
       localizer_(arena, config, map_, frame_, grid_, extractor_),
       semi_static_(arena, config.track, config.camera, kFeatureCapacity),
       motion_check_(arena, config.camera, kFeatureCapacity),
       adjustment_(arena, config.camera, static_cast<std::size_t>(config.track.points)),
-      loops_(arena, config.track, config.camera),
+      loops_(arena, config.track, config.camera, places_),
       readout_(arena, config.camera, static_cast<std::size_t>(config.track.points), kFeatureCapacity),
       motion_(T_base_camera_) {
   result_.T_odom_camera = T_base_camera_;
@@ -127,8 +127,6 @@ const TrackingResult& Tracker::track(const FrameSlot& slot, const DynamicMask& m
   }
   if (result_.has_pose()) {
     lost_since_ns_ = 0;
-    // Not in the keyframe's own frame: that one has enough to do.
-    if (unasked_) loops_.ask(map_, *std::exchange(unasked_, std::nullopt), places_);
     motion_.posed(slot.colour_ns, result_.T_odom_camera);
     inliers_before_ = result_.inliers;
     if (!result_.is_keyframe) {
@@ -239,7 +237,7 @@ bool Tracker::relocalize() {
   Keyframe* newest = map_.newest_keyframe();
   if (newest != nullptr && found_by(*newest)) return true;
   std::size_t tried = 0;
-  for (const PlaceCandidate& place : places_.query(frame_.descriptors)) {
+  for (const PlaceCandidate& place : like_this_.ask(frame_.descriptors)) {
     Keyframe& keyframe = map_.keyframes()[place.slot];
     if (&keyframe == newest) continue;
     if (found_by(keyframe)) return true;
@@ -270,7 +268,7 @@ void Tracker::insert_keyframe(const FrameSlot& slot) {
   builder_.cull_points(map_);
   const Keyframe& keyframe = builder_.insert_keyframe(map_, posed(slot), extractor_);
   note_place(keyframe);
-  if (closes_loops_) unasked_ = static_cast<std::size_t>(&keyframe - map_.keyframes().data());
+  if (closes_loops_) loops_.ask(map_, static_cast<std::size_t>(&keyframe - map_.keyframes().data()));
   stand_on(keyframe);
   keyframe_ns_ = keyframe.stamp_ns;
   result_.is_keyframe = true;

@@ -108,6 +108,7 @@ class Tracker {
   LocalMap map_;
   MapBuilder builder_;
   PlaceIndex places_;
+  PlaceQuery like_this_;  // keyframes that a lost camera may be at
   Localizer localizer_;
   SemiStaticCheck semi_static_;
   MotionCheck motion_check_;
@@ -123,8 +124,7 @@ class Tracker {
   int keyframe_points_ = 0;
   std::uint32_t segment_begin_ = 0;  // first keyframe since the newest change of segment
   Nanoseconds keyframe_ns_ = 0;
-  std::optional<std::size_t> unasked_;  // the newest keyframe's slot: does it show a known place?
-  Nanoseconds lost_since_ns_ = 0;       // first frame of this loss in which there was enough to see; 0: none
+  Nanoseconds lost_since_ns_ = 0;  // first frame of this loss in which there was enough to see; 0: none
 };
 
 }  // namespace stillmap

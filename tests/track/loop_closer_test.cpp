@@ -59,8 +59,13 @@ class LoopCloserTest : public testing::Test {
       add(T, corners_before(T, 100, random));
     }
   }
+  void begin(std::size_t slot) {
+    closer.ask(map, slot);
+    // So many frames as it takes: some of the keyframe's features in each.
+    for (int frame = 0; frame < 10; ++frame) closer.gather(map);
+  }
   std::optional<LoopEdge> ask(std::size_t slot) {
-    closer.ask(map, slot, places);
+    begin(slot);
     std::optional<LoopEdge> found;
     while (closer.prepare(map, Random(3))) {
       closer.compare();
@@ -74,7 +79,7 @@ class LoopCloserTest : public testing::Test {
   Arena arena{test::kArenaBytes};
   LocalMap map{arena, kKeyframes, static_cast<std::size_t>(config.track.points)};
   PlaceIndex places{arena, kKeyframes, Keyframe::kMaxFeatures};
-  LoopCloser closer{arena, config.track, config.camera};
+  LoopCloser closer{arena, config.track, config.camera, places};
   Random random{9};
   std::vector<SceneCorner> here = corners_before({}, 500, random);
   const Pose kDrift{exp_so3({0.02, -0.05, 0.01}), {0.3, -0.2, 0.1}};
@@ -162,9 +167,9 @@ TEST_F(LoopCloserTest, OneQuestionAtATime) {
   add(step(0), here);
   walk_away(20);
   const std::size_t back = add(step(1), here);
-  closer.ask(map, back, places);
+  begin(back);
   ASSERT_TRUE(closer.busy());
-  closer.ask(map, back, places);
+  begin(back);
   EXPECT_EQ(closer.counts().skipped, 1u);
   ASSERT_TRUE(closer.prepare(map, Random(3)));
   closer.compare();
@@ -173,23 +178,43 @@ TEST_F(LoopCloserTest, OneQuestionAtATime) {
   EXPECT_FALSE(closer.busy());
 }
 
+TEST_F(LoopCloserTest, AQuestionIsSpreadOverFrames) {
+  add(step(0), here);
+  walk_away(20);
+  const std::size_t back = add(step(1), here);
+  const auto frames = [&] {
+    int taken = 0;
+    for (closer.ask(map, back); !closer.prepare(map, Random(3)); ++taken) closer.gather(map);
+    return taken;
+  };
+  EXPECT_EQ(frames(), 5) << "500 features";
+  closer.compare();
+  closer.judge(map);
+  closer.ask(map, back);
+  closer.gather(map);
+  EXPECT_TRUE(closer.busy());
+  map.keyframes()[back].alive = false;
+  closer.gather(map);
+  EXPECT_FALSE(closer.busy()) << "who asked is gone";
+}
+
 TEST_F(LoopCloserTest, ARingThatMovesOnEndsTheQuestion) {
   const std::size_t first = add(step(0), here);
   walk_away(20);
   const std::size_t back = add(step(1), here);
-  closer.ask(map, back, places);
+  begin(back);
   const std::uint32_t id = map.keyframes()[first].id;
   map.keyframes()[first].id = 1000;  // another keyframe lives there now
   EXPECT_FALSE(closer.prepare(map, Random(3)));
   map.keyframes()[first].id = id;
-  closer.ask(map, back, places);
+  begin(back);
   ASSERT_TRUE(closer.prepare(map, Random(3)));
   closer.compare();  // of copies, whatever becomes of the map
   map.keyframes()[first].alive = false;
   EXPECT_FALSE(closer.judge(map));
   map.keyframes()[first].alive = true;
   EXPECT_FALSE(ask(add(step(2), here))) << "what was judged too late is no sighting that this could confirm";
-  closer.ask(map, back, places);
+  begin(back);
   map.keyframes()[back].alive = false;
   EXPECT_FALSE(closer.prepare(map, Random(3)));
   EXPECT_FALSE(closer.busy());

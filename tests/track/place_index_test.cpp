@@ -43,6 +43,7 @@ class PlaceIndexTest : public testing::Test {
   }
   Arena arena{std::size_t{16} << 20};
   PlaceIndex index{arena, kKeyframes, kFeatures};
+  PlaceQuery query{arena, index};
   std::vector<Descriptors> views{kKeyframes};
   Random random{5};
 };
@@ -50,7 +51,7 @@ class PlaceIndexTest : public testing::Test {
 TEST_F(PlaceIndexTest, EveryKeyframeIsRecognisedUnderNoise) {
   fill();
   for (std::size_t slot = 0; slot < kKeyframes; ++slot) {
-    const auto found = index.query(seen_again(views[slot], random, 0.06));
+    const auto found = query.ask(seen_again(views[slot], random, 0.06));
     ASSERT_FALSE(found.empty());
     EXPECT_EQ(found[0].slot, slot);
     EXPECT_GT(found[0].score, 0.6) << "as many bits flip between real pictures: most corners keep one key";
@@ -62,7 +63,7 @@ TEST_F(PlaceIndexTest, EveryKeyframeIsRecognisedUnderNoise) {
 
 TEST_F(PlaceIndexTest, AnUnknownPlaceScoresNearNothing) {
   fill();
-  const auto found = index.query(random_view(random));
+  const auto found = query.ask(random_view(random));
   for (const PlaceCandidate& c : found) EXPECT_LT(c.score, 0.01) << c.slot;
 }
 
@@ -72,7 +73,7 @@ TEST_F(PlaceIndexTest, KeyframesShareAFeaturesVoteAndComeByScore) {
   insert(2, view);
   insert(9, Descriptors(view.begin(), view.begin() + 200));
   insert(4, view);
-  const auto found = index.query(view);
+  const auto found = query.ask(view);
   ASSERT_EQ(found.size(), 4u);
   constexpr double kAll = 100.0 / 4 / 300, kThree = 100.0 / 3 / 300, kTwo = 100.0 / 2 / 300;
   EXPECT_EQ(found[0].slot, 2u);
@@ -86,11 +87,28 @@ TEST_F(PlaceIndexTest, KeyframesShareAFeaturesVoteAndComeByScore) {
   EXPECT_NEAR(found[3].score, kAll, 1e-9);
 }
 
+TEST_F(PlaceIndexTest, BitByBitIsAsAllAtOnce) {
+  fill();
+  const Descriptors frame = seen_again(views[7], random, 0.06);
+  const auto at_once = query.ask(frame);
+  PlaceQuery slow{arena, index};
+  slow.begin(frame);
+  int calls = 1;
+  while (!slow.vote(90)) ++calls;
+  EXPECT_EQ(calls, 5) << "400 features";
+  const auto bit_by_bit = slow.ranked();
+  ASSERT_EQ(bit_by_bit.size(), at_once.size());
+  for (std::size_t i = 0; i < at_once.size(); ++i) {
+    EXPECT_EQ(bit_by_bit[i].slot, at_once[i].slot);
+    EXPECT_EQ(bit_by_bit[i].score, at_once[i].score);
+  }
+}
+
 TEST_F(PlaceIndexTest, AFeatureCountsOnceForAKeyframe) {
   // Agrees in every key with all of the keyframe's features.
   const Descriptor d = test::random_descriptor(random);
   insert(0, Descriptors(kFeatures, d));
-  const auto found = index.query(Descriptors(3, d));
+  const auto found = query.ask(Descriptors(3, d));
   ASSERT_EQ(found.size(), 1u);
   EXPECT_EQ(found[0].features, 3);
 }
@@ -102,8 +120,8 @@ TEST_F(PlaceIndexTest, AFarDescriptorInTheSameBucketDoesNotVote) {
   for (int round = 0; round < 40; ++round) {
     Descriptors other = seen_again({d}, random, 0.15);
     if (hamming(other[0], d) < 30) continue;
-    EXPECT_TRUE(index.query(other).empty());
-    met += index.visited() > 0;
+    EXPECT_TRUE(query.ask(other).empty());
+    met += query.visited() > 0;
   }
   EXPECT_GT(met, 0);
 }
@@ -114,16 +132,16 @@ TEST_F(PlaceIndexTest, AReusedSlotForgetsWhatItHeld) {
   // The ring writes a new keyframe over the old one's descriptors before the index hears of it.
   views[3] = random_view(random);
   index.insert(3, views[3]);
-  for (const PlaceCandidate& c : index.query(old)) EXPECT_LT(c.score, 0.01) << c.slot;
-  EXPECT_EQ(index.query(views[3])[0].slot, 3u);
+  for (const PlaceCandidate& c : query.ask(old)) EXPECT_LT(c.score, 0.01) << c.slot;
+  EXPECT_EQ(query.ask(views[3])[0].slot, 3u);
   index.remove(3);
-  for (const PlaceCandidate& c : index.query(views[3])) EXPECT_NE(c.slot, 3u);
+  for (const PlaceCandidate& c : query.ask(views[3])) EXPECT_NE(c.slot, 3u);
   for (const std::size_t slot : {0u, 2u, 4u, 11u}) {
-    ASSERT_FALSE(index.query(views[slot]).empty());
-    EXPECT_EQ(index.query(views[slot])[0].features, static_cast<int>(kFeatures)) << "neighbours keep theirs";
+    ASSERT_FALSE(query.ask(views[slot]).empty());
+    EXPECT_EQ(query.ask(views[slot])[0].features, static_cast<int>(kFeatures)) << "neighbours keep theirs";
   }
   index.clear();
-  EXPECT_TRUE(index.query(views[0]).empty());
+  EXPECT_TRUE(query.ask(views[0]).empty());
 }
 
 TEST_F(PlaceIndexTest, ManyReplacementsLeaveNothingBehind) {
@@ -132,43 +150,46 @@ TEST_F(PlaceIndexTest, ManyReplacementsLeaveNothingBehind) {
   PlaceIndex fresh{arena, kKeyframes, kFeatures};
   for (std::size_t slot = 0; slot < kKeyframes; ++slot) fresh.insert(slot, views[slot]);
   const Descriptors frame = seen_again(views[5], random, 0.15);
-  const auto a = index.query(frame), b = fresh.query(frame);
+  PlaceQuery of_fresh{arena, fresh};
+  const auto a = query.ask(frame), b = of_fresh.ask(frame);
   ASSERT_EQ(a.size(), b.size());
   for (std::size_t i = 0; i < a.size(); ++i) {
     EXPECT_EQ(a[i].slot, b[i].slot);
     EXPECT_EQ(a[i].score, b[i].score);
   }
-  EXPECT_EQ(index.visited(), fresh.visited());
+  EXPECT_EQ(query.visited(), of_fresh.visited());
 }
 
 /// Wallpaper, or an attack: every corner everywhere looks the same.
 TEST_F(PlaceIndexTest, EqualDescriptorsDoNotMakeItSlow) {
   const Descriptor d = test::random_descriptor(random);
   for (std::size_t slot = 0; slot < kKeyframes; ++slot) insert(slot, Descriptors(kFeatures, d));
-  const auto found = index.query(Descriptors(kFeatures, d));
+  const auto found = query.ask(Descriptors(kFeatures, d));
   ASSERT_EQ(found.size(), kKeyframes);
   for (const PlaceCandidate& c : found) EXPECT_EQ(c.features, static_cast<int>(kFeatures));
-  EXPECT_LE(index.visited(), kFeatures * PlaceIndex::kTables * kKeyframes) << "not times features once more";
+  EXPECT_LE(query.visited(), kFeatures * PlaceIndex::kTables * kKeyframes) << "not times features once more";
   for (std::size_t slot = 0; slot < kKeyframes; ++slot) index.remove(slot);
-  EXPECT_TRUE(index.query(Descriptors(kFeatures, d)).empty());
+  EXPECT_TRUE(query.ask(Descriptors(kFeatures, d)).empty());
 }
 
 TEST_F(PlaceIndexTest, NothingAndTooMuch) {
-  EXPECT_TRUE(index.query({}).empty());
-  EXPECT_TRUE(index.query(random_view(random)).empty()) << "an empty index";
+  EXPECT_TRUE(query.ask({}).empty());
+  EXPECT_TRUE(query.ask(random_view(random)).empty()) << "an empty index";
   insert(0, {});
-  EXPECT_TRUE(index.query(random_view(random)).empty());
+  EXPECT_TRUE(query.ask(random_view(random)).empty());
   insert(0, random_view(random, kFeatures + 50));
-  EXPECT_EQ(index.query(views[0])[0].features, static_cast<int>(kFeatures))
+  EXPECT_EQ(query.ask(views[0])[0].features, static_cast<int>(kFeatures))
       << "what is over capacity is left out";
 }
 
 TEST(PlaceIndex, ThePlanIsWhatItTakes) {
   Arena plan;
   const PlaceIndex planned(plan, 64, 1200);
+  const PlaceQuery planned_query(plan, planned);
   EXPECT_LT(plan.bytes_planned(), std::size_t{4} << 20);
   Arena arena(plan.bytes_planned());
   const PlaceIndex index(arena, 64, 1200);
+  const PlaceQuery query(arena, index);
   EXPECT_EQ(arena.bytes_planned(), plan.bytes_planned());
 }
 
@@ -179,6 +200,7 @@ TEST(PlaceIndex, RenderedViewsAreRecognised) {
   FeatureExtractor extractor(arena, config.track, config.camera);
   FrameFeatures frame(arena, 1200);
   PlaceIndex index(arena, 8, 1200);
+  PlaceQuery query(arena, index);
   synthetic::SyntheticLog log({.seed = 3, .people = 0});
   std::vector<Descriptors> views;
   const auto extract = [&](int picture) {
@@ -193,7 +215,7 @@ TEST(PlaceIndex, RenderedViewsAreRecognised) {
   for (std::size_t k = 0; k < views.size(); ++k) index.insert(k, views[k]);
   for (std::size_t k = 0; k < views.size(); ++k) {
     extract(kApart * static_cast<int>(k) + 6);
-    const auto found = index.query(frame.descriptors);
+    const auto found = query.ask(frame.descriptors);
     ASSERT_GE(found.size(), 2u);
     EXPECT_EQ(found[0].slot, k);
     EXPECT_GT(found[0].score, 1.5 * found[1].score) << k;
