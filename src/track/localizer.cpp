@@ -20,6 +20,13 @@ constexpr std::uint64_t kMoment = 30;  // frames
 constexpr int kSurely = 100;           // inliers that no wrong pose has
 constexpr int kPoor = 80;              // fewer, after a frame with thrice as many: perhaps a wrong one
 
+/// But for the noise of a pose that few points hold.
+bool same(const Pose& a, const Pose& b) {
+  constexpr double kTurn_rad = 0.0025, kMove_m = 0.0025;
+  const Pose between = inverse(a) * b;
+  return norm(log_so3(between.R)) < kTurn_rad && norm(between.t) < kMove_m;
+}
+
 }  // namespace
 
 Localizer::Localizer(Arena& arena, const Config& config, LocalMap& map, const FrameFeatures& frame,
@@ -41,7 +48,7 @@ void Localizer::begin(std::uint64_t sequence, Nanoseconds stamp_ns, const std::o
   stamp_ns_ = stamp_ns;
   prior_ = prior;
   lost_by_looking_ = relocalizer_has_frame_ = false;
-  matched_ = 0;
+  matched_ = searches_ = 0;
   std::ranges::fill(matches_, FeatureMatch{});
 }
 
@@ -61,23 +68,30 @@ bool Localizer::search(const PoseGuess& guess) {
   // and else to what most speaks for.
   int most = found ? estimate_.inliers : 0;
   Pose best = found ? T_odom_camera_ : guess.T_odom_camera;
-  const auto sure = [&](const SearchWindow& window, const Pose& from) {
-    if (!project_and_solve(window, from)) return false;
+  const auto inliers_from = [&](const SearchWindow& window, const Pose& from) {
+    if (!project_and_solve(window, from)) return 0;
     if (estimate_.inliers > most) {
       most = estimate_.inliers;
       best = T_odom_camera_;
     }
-    return estimate_.inliers >= kSurely;
+    return estimate_.inliers;
   };
-  if (guess.aligned && sure(kAroundPrediction, *guess.aligned)) return true;
+  if (guess.aligned && !same(*guess.aligned, guess.T_odom_camera)) {
+    const Pose first = T_odom_camera_;
+    const int inliers = inliers_from(kAroundPrediction, *guess.aligned);
+    if (inliers >= kSurely) return true;
+    // Two guesses lead to one place: it is the right one, there is only little to see.
+    if (found && inliers > 0 && same(first, T_odom_camera_)) return true;
+  }
   // Wider, for what was in view a moment ago: all points would take several times as long.
   SearchWindow wide = kWide;
   wide.found_since = sequence_ - std::min(sequence_, kMoment);
-  if (sure(wide, guess.T_odom_camera)) return true;
+  if (inliers_from(wide, guess.T_odom_camera) >= kSurely) return true;
   // Wherever it may be, after a step of which no motion model knows.
   if (guess.long_step) {
     const std::optional<FoundPose> by_newest = find_by(*map_.newest_keyframe());
-    if (by_newest && sure(kAroundPrediction, inverse(by_newest->T_camera_odom))) return true;
+    if (by_newest && inliers_from(kAroundPrediction, inverse(by_newest->T_camera_odom)) >= kSurely)
+      return true;
   }
   return most > 0 && around(best);
 }
@@ -97,6 +111,7 @@ bool Localizer::refine() {
 }
 
 bool Localizer::match_and_solve(const SearchWindow& window, const Pose& T_odom_camera) {
+  ++searches_;
   SearchWindow search = window;
   search.any_label = weighs_trust_;
   matched_ = matcher_.match(map_, frame_, grid_, search, extractor_, matches());

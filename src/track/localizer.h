@@ -52,6 +52,8 @@ class Localizer {
   /// Of the newest call, as all that follow.
   const PoseEstimate& estimate() const { return estimate_; }
   int matched() const { return matched_; }  ///< features, inliers or not
+  /// Of the map, in this frame: what its time is made of.
+  int searches() const { return searches_; }
   /// For each feature the point that it is an inlier of.
   std::span<FeatureMatch> matches() { return matches_.first(frame_.features.size()); }
   /// The points that were looked for and that nothing hides should have been seen.
@@ -84,7 +86,7 @@ class Localizer {
   bool relocalizer_has_frame_ = false;
   Pose T_odom_camera_;
   PoseEstimate estimate_;
-  int matched_ = 0;
+  int matched_ = 0, searches_ = 0;
 };
 
 }  // namespace stillmap

@@ -63,6 +63,18 @@ TEST_F(LocalizerTest, SearchesWiderForWhatWasInViewAMomentAgo) {
   EXPECT_TRUE(found_truth());
 }
 
+TEST_F(LocalizerTest, LooksNoFurtherThanTwoGuessesThatLeadToOnePlace) {
+  see_points(40);
+  begin();
+  ASSERT_TRUE(localizer.follow({turned_by(0.02), turned_by(0.01), false, 300}));
+  EXPECT_TRUE(found_truth());
+  EXPECT_EQ(localizer.searches(), 2);
+  begin();
+  ASSERT_TRUE(localizer.follow({turned_by(0.02), turned_by(0.3), false, 300}));
+  EXPECT_TRUE(found_truth());
+  EXPECT_GT(localizer.searches(), 2) << "the other guess leads nowhere";
+}
+
 TEST_F(LocalizerTest, FewFeaturesCorrectThePriorInsteadOfReplacingIt) {
   const int few = config.track.min_inliers / 2 + 2;
   see_points(few);
