@@ -2,6 +2,7 @@
 #include "runtime/flight_recorder.h"
 
 #include <fcntl.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -104,8 +105,14 @@ void FlightRecorder::take_in() {
 
 bool FlightRecorder::write() const {
   if (!enabled()) return false;
-  const int file = ::open(path_.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
+  // A pipe that took the file's place would keep the process waiting for its reader.
+  const int file = ::open(path_.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC | O_NONBLOCK, 0644);
   if (file < 0) return false;
+  struct stat found {};
+  if (::fstat(file, &found) != 0 || !S_ISREG(found.st_mode)) {
+    ::close(file);
+    return false;
+  }
   const auto when_frame = [](const FlightFrame& f) { return f.at_ns; };
   const auto when_event = [](const Event& e) { return e.stamp_ns; };
   Nanoseconds newest = 0;

@@ -39,7 +39,7 @@ class FlightRecorder {
   void put(const Event& event) { events_[event_count_++ % events_.size()] = event; }
   void take_in();
   /// Writes the file anew. Safe in a signal handler: no heap, no locks, no library but write(2). False where
-  /// the file cannot be written.
+  /// the file cannot be written or is no regular one.
   bool write() const;
   /// As `write`, at most once in 10 s, so that a track that comes and goes does not wear out the disk.
   bool write_unless_just_done(Nanoseconds now);

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <memory>
 #include <span>
 
@@ -66,6 +67,13 @@ Status check_outputs(const RunOptions& o, const Config& config) {
        {&o.trajectory, &o.trajectory_final, &o.map, &o.report, &config.runtime.flight_recorder}) {
     if (path->empty()) continue;
     if (Status s = check_writable(*path); !s.ok()) return s;
+  }
+  // These are written while the stages run, and nobody may wait for a pipe's reader then.
+  for (const std::string* path : {&config.runtime.flight_recorder, &o.map}) {
+    if (path == &o.map && !is_map_file(o.map)) continue;
+    std::error_code unknown;
+    if (std::filesystem::exists(*path, unknown) && !std::filesystem::is_regular_file(*path, unknown))
+      return Error{ExitCode::RunFailed, *path + ": cannot be written: it is no regular file; name one"};
   }
   if (!o.map.empty() && !o.map.ends_with(".ply") && !is_map_file(o.map)) {
     return Error{ExitCode::WrongConfig,

@@ -34,6 +34,14 @@ class Outputs(ProgramTest):
         self.assert_error(stillmap(*run_args("--map", self.path / "m.obj")), WRONG_CONFIG, ".ply", lines=1)
         self.assertEqual(os.listdir(self.path), ["file"])
 
+    def test_what_is_written_while_running_is_a_regular_file(self):
+        for option, name in (("--map", "m.stillmap"), ("--set", "flight")):
+            pipe = self.path / name
+            os.mkfifo(pipe)
+            value = f"runtime.flight_recorder={pipe}" if option == "--set" else pipe
+            with self.subTest(name):
+                self.assert_error(stillmap(*run_args("--mode", "realtime", option, value), timeout=60), RUN_FAILED, str(pipe), "no regular file", lines=1)
+
     def test_a_run_that_fails_at_its_start_leaves_no_files_and_takes_none(self):
         for failing, code in ((run_args(log=self.path / "none"), UNREADABLE_INPUT), (run_args("--set", "memory.budget_mb=16"), WRONG_CONFIG)):
             out = self.path / "out"

@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/flight_recorder.h"
 
+#include <fcntl.h>
 #include <gmock/gmock.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include <csignal>
 #include <cstdlib>
@@ -99,6 +102,18 @@ TEST(FlightRecorder, AFileThatCannotBeWrittenIsToldAndNoPathIsNothing) {
   off.put(FlightFrame{});
   off.take_in();
   EXPECT_FALSE(off.enabled());
+}
+
+TEST(FlightRecorder, APipeIsNoFileAndNobodyWaitsForItsReader) {
+  Bench bench;
+  bench.record(0, 30);
+  ASSERT_EQ(mkfifo(bench.path.c_str(), 0600), 0);
+  EXPECT_FALSE(bench.recorder.write());
+  const int reader = open(bench.path.c_str(), O_RDONLY | O_NONBLOCK);
+  EXPECT_FALSE(bench.recorder.write());
+  char byte = 0;
+  EXPECT_EQ(read(reader, &byte, 1), 0) << "nothing was written";
+  close(reader);
 }
 
 TEST(FlightRecorderDeathTest, AnAbortWritesWhatWasStillOnTheWay) {
