@@ -20,10 +20,10 @@ function program(vertex, fragment) {
 // the view's axes, as seen from there.
 const voxels = program(`
 layout(location=0) in vec3 cell; layout(location=1) in vec4 rgba;
-uniform mat4 m; uniform vec3 half_; uniform vec2 slope; uniform float edge, px; out vec3 centre; out vec3 colour; out float size;
+uniform mat4 m; uniform vec3 half_, up; uniform vec2 slope; uniform float edge, px, roof; out vec3 centre; out vec3 colour; out float size;
 void main() {
   centre = (cell + 0.5) * edge; colour = rgba.rgb;
-  gl_Position = rgba.a == 0. ? vec4(2, 2, 2, 1) : m * vec4(centre, 1);
+  gl_Position = rgba.a == 0. || dot(centre, up) > roof ? vec4(2, 2, 2, 1) : m * vec4(centre, 1);
   float w = gl_Position.w, near = max(w - half_.z, 0.01);
   vec2 aside = abs(gl_Position.xy) / w * slope, reach = half_.xy + min(aside, 2. * slope) * half_.z;
   size = gl_PointSize = clamp(2. * px * max(reach.x, reach.y) / near, 1.5, 400.);
@@ -105,14 +105,17 @@ function sceneGeometry(now) {
       for (const p of [camera.p, c, corner[(i + 1) % 4]]) triangles.push(p[0], p[1], p[2], 0.3, 0.76, 1, 0.16); });
   }
   for (const [id, o] of objects) {
-    if (now - o.seen > 600) { objects.delete(id); continue; }
+    if (now - o.seen > kForgotten_ms) { objects.delete(id); continue; }
     if (!shown.objects || !o.cube) continue;
     const T = o.cube.pose, s = o.cube.size, c = o.cube.color;
     const corners = kCorners.map((k) => place(T, [k[0] * s[0], k[1] * s[1], k[2] * s[2]]));
     const moves = o.meta?.some((m) => m.key === "kind" && m.value === "dynamic");
     for (const [i, j] of kEdges) line(corners[i], corners[j], [c[0], c[1], c[2], moves ? 0.95 : 0.5]);
-    for (const [i, j, k, l] of kFaces) for (const p of [i, j, k, i, k, l]) triangles.push(...corners[p], c[0], c[1], c[2], moves ? 0.16 : 0.03);
-    if (o.arrow) line(o.arrow.pose.p, place(o.arrow.pose, [o.arrow.shaft + o.arrow.head, 0, 0]), [1, 1, 1, 0.9]);
+    for (const [i, j, k, l] of kFaces) for (const p of [i, j, k, i, k, l]) triangles.push(...corners[p], c[0], c[1], c[2], moves ? 0.09 : 0.03);
+    if (o.arrow) {
+      const tip = o.arrow.shaft + o.arrow.head, from = [[0, 0, 0], [tip - 0.12, 0.06, 0], [tip - 0.12, -0.06, 0]];
+      for (const at of from) line(place(o.arrow.pose, at), place(o.arrow.pose, [tip, 0, 0]), [1, 1, 1, 0.9]);
+    }
     labels.push({ at: place(T, [0, -0.5 * s[1] - 0.06, 0]), words: o.text ?? "", moves });
   }
   return { segments: new Float32Array(segments), triangles: new Float32Array(triangles), labels };
@@ -120,13 +123,21 @@ function sceneGeometry(now) {
 function placeLabels(labels, m, width, height) {
   const box = $("labels");
   while (box.children.length < labels.length) box.appendChild(Object.assign(document.createElement("div"), { className: "label" }));
+  const depth = ([x, y, z]) => m[3] * x + m[7] * y + m[11] * z + m[15], placed = [];
+  labels.sort((a, b) => depth(a.at) - depth(b.at));
   [...box.children].forEach((div, i) => {
-    const l = labels[i], [x, y, z] = l?.at ?? [0, 0, 0], w = l ? m[3] * x + m[7] * y + m[11] * z + m[15] : 0;
+    const l = labels[i], [x, y, z] = l?.at ?? [0, 0, 0], w = l ? depth(l.at) : 0;
     div.hidden = !(w > 0.05);
     if (div.hidden) return;
-    const sx = ((m[0] * x + m[4] * y + m[8] * z + m[12]) / w + 1) / 2 * width, sy = (1 - (m[1] * x + m[5] * y + m[9] * z + m[13]) / w) / 2 * height;
+    const sx = ((m[0] * x + m[4] * y + m[8] * z + m[12]) / w + 1) / 2 * width;
+    let sy = (1 - (m[1] * x + m[5] * y + m[9] * z + m[13]) / w) / 2 * height;
     div.textContent = l.words;
     div.style.opacity = l.moves ? 1 : 0.55;
+    // The nearest stay where they are; one that would lie on another goes above it.
+    const half = div.offsetWidth / 2, tall = div.offsetHeight + 2;
+    for (const p of placed) if (Math.abs(p.x - sx) < p.half + half && Math.abs(p.y - sy) < tall) sy = p.y - tall;
+    placed.push({ x: sx, y: sy, half });
+    placed.sort((a, b) => b.y - a.y);
     div.style.transform = `translate(${sx.toFixed(1)}px, ${sy.toFixed(1)}px) translate(-50%, -100%)`;
   });
 }
@@ -136,6 +147,12 @@ let finest = 2;
 function adaptPixels(fps) {
   if (!document.hidden && fps < 24) finest = Math.max(1, finest / 1.4);
   if (fps > 50) finest = Math.min(2, finest * 1.4);
+}
+// Who looks from above sees into the room: what is this much higher than the camera is left out then.
+const kRoof_m = 0.4;
+function roofOf(eye, u) {
+  const roof = camera ? dot(camera.p, u) + kRoof_m : Infinity;
+  return dot(eye, u) > roof ? roof : 1e9;
 }
 const kNear = 0.05, kFar = 200, kHalfHeight = Math.tan(0.5);
 function draw(now) {
@@ -166,6 +183,7 @@ function draw(now) {
   gl.uniform3fv(voxels.at("right"), right.map((v) => v * kHalfHeight * aspect));
   gl.uniform3fv(voxels.at("above"), above.map((v) => v * kHalfHeight));
   gl.uniform3fv(voxels.at("up"), u);
+  gl.uniform1f(voxels.at("roof"), roofOf(eye, u));
   gl.uniform2f(voxels.at("perPixel"), 2 / width, 2 / height);
   gl.uniform2f(voxels.at("depth"), A, B);
   gl.bindVertexArray(voxelArray.array);

@@ -21,6 +21,7 @@ function takePose(data, stamp) {
   }
   if (!view.aimed) aim();
 }
+const kForgotten_ms = 600;  // an object that was not told of for so long is gone
 function takeObjects(data) {
   for (const e of read(data, { 2: ["entities", entity, true] }).entities ?? []) objects.set(e.id, { ...e, seen: performance.now() });
 }

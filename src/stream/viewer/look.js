@@ -9,7 +9,9 @@ function basis() {
 function aim() {  // from behind the camera and a little above it
   const [u, e, f] = basis(), forward = camera ? rotate(camera.q, [0, 0, 1]) : [1, 0, 0];
   view.yaw = Math.atan2(-dot(forward, f), -dot(forward, e));
-  Object.assign(view, { pitch: 0.5, distance: 3.5, aimed: camera !== null });
+  // On a phone that is held upright, from farther away: as much is to be seen from left to right.
+  const narrow = Math.max(1, canvas.clientHeight / canvas.clientWidth);
+  Object.assign(view, { pitch: 0.5, distance: 3.5 * narrow ** 0.75, aimed: camera !== null });
   view.target = camera ? add(camera.p, forward, 1.2) : [0, 0, 0];
 }
 function eyeOf() {

@@ -29,7 +29,7 @@ setInterval(() => {
   $("link").textContent = `${(link.bytes / 1000).toFixed(0)} kB/s`;
   grade("drawn", `${framesDrawn} fps`, -framesDrawn, -24, -10);
   adaptPixels(framesDrawn);
-  $("movers").textContent = [...objects.values()].filter((o) => o.meta?.some((m) => m.value === "dynamic")).length;
+  $("movers").textContent = [...objects.values()].filter((o) => performance.now() - o.seen < kForgotten_ms && o.meta?.some((m) => m.value === "dynamic")).length;
   $("voxels").textContent = map.count.toLocaleString("en");
   link.bytes = framesDrawn = 0;
 }, 1000);

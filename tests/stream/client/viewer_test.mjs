@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// node viewer_test.mjs STILLMAP: the built-in page in a real browser, headless, while the program plays a log. With
-// SCREENSHOT=FILE it also takes the README's picture.
+// node viewer_test.mjs STILLMAP: the built-in page in a real browser, headless, while the program plays a log.
 import assert from "node:assert/strict";
 import { spawn, spawnSync } from "node:child_process";
 import { existsSync, mkdirSync, mkdtempSync, readFileSync, readdirSync, rmSync, symlinkSync, writeFileSync } from "node:fs";
@@ -97,7 +96,7 @@ const browser = await puppeteer.launch({ executablePath: browserPath, timeout: 0
   args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"] });
 process.on("exit", () => browser.process()?.kill("SIGKILL"));
 const page = await browser.newPage(), requests = [], errors = [];
-await page.setViewport(process.env.SCREENSHOT ? { width: 1280, height: 720 } : { width: 640, height: 480 });
+await page.setViewport({ width: 640, height: 480 });
 page.on("request", (r) => requests.push(r.url()));
 page.on("pageerror", (e) => errors.push(e.message));
 const downloads = await page.createCDPSession();
@@ -137,11 +136,24 @@ await until("the path", async () => (await look(page, cyan)).alike > before.alik
 await page.click("#objectsButton");
 await until("a box in space", () => page.evaluate(() => objects.size > 0));
 
-if (process.env.SCREENSHOT) {
-  await until("a whole map", async () => (await number(page, "keyframes")) > 100, 300_000);
-  await until("a mover in view", async () => (await number(page, "movers")) > 0, 300_000);
-  await page.screenshot({ path: process.env.SCREENSHOT });
-}
+// From above one sees into the room: what lies over the camera is left out; from below it is there.
+await until("a pose again", () => page.evaluate(() => camera !== null));
+const overhead = (pitch) => page.evaluate((p) => {
+  view.pitch = p;
+  map.set(2_000_000, add(camera.p, basis()[0]).map((c) => Math.floor(c / map.voxel_m / 8)), new Uint8Array(64).fill(255), new Uint8Array(1536).fill(255));
+}, pitch);
+await overhead(1.4);
+const from_above = await look(page, [255, 255, 255]);
+await overhead(-1.4);
+await until("a ceiling from below", async () => (await look(page, [172, 172, 172])).alike > from_above.alike + 100);
+await page.evaluate(() => { map.set(2_000_000, [0, 0, 0], new Uint8Array(64), new Uint8Array(0)); view.pitch = 0.5; });
+
+// Names of things that are beside each other can be read.
+assert.ok(await page.evaluate(() => {
+  placeLabels([0, 0.01, 0.02].map((x) => ({ at: [x, x, 0], words: "person 1.0 m/s", moves: true })), [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1], 640, 480);
+  const boxes = [...$("labels").children].filter((d) => !d.hidden).map((d) => d.getBoundingClientRect());
+  return boxes.length === 3 && boxes.every((a) => boxes.every((b) => a === b || a.bottom <= b.top || b.bottom <= a.top));
+}));
 
 // Looking around: a drag turns, two fingers come nearer and end the following.
 const state = () => page.evaluate(() => ({ yaw: view.yaw, distance: view.distance, follow: view.follow }));
@@ -166,6 +178,7 @@ await page.setViewport({ width: 390, height: 844 });
 const cards = await page.evaluate(() => ["strip", "tools", "preview"].map((id) => $(id).getBoundingClientRect().toJSON()));
 assert.ok(cards.reduce((sum, c) => sum + c.width * c.height, 0) < 0.18 * 390 * 844, JSON.stringify(cards));
 for (const a of cards) for (const b of cards) assert.ok(a === b || a.bottom <= b.top || b.bottom <= a.top, JSON.stringify(cards));
+assert.ok(await page.evaluate(() => { aim(); return view.distance; }) > 5, "from as far as it takes to see as much as on a wide screen");
 await page.setViewport(size);
 
 // A figure past its limit has another colour.
