@@ -10,10 +10,10 @@
 #include <memory>
 #include <set>
 
-#include "heap_count.h"
 #include "map/kept_blocks.h"
 #include "map/voxel_map.h"
 #include "map_scene.h"
+#include "tests/support/heap_calls.h"
 
 namespace stillmap {
 namespace {
@@ -216,7 +216,7 @@ TEST_F(RoomTest, EachSliceIsBoundedAndNothingComesFromTheHeap) {
     for (int i = 0; i < blocks.size(); ++i) count += blocks.block(i).state == BlockState::Old;
     return count;
   };
-  const std::uint64_t heap = test::heap_calls();
+  const long heap = test::heap_calls();
   t.map().correct(correction);
   const int old_at_first = old();
   EXPECT_GT(old_at_first, 200);

@@ -12,8 +12,8 @@
 #include <vector>
 
 #include "core/random.h"
-#include "heap_count.h"
 #include "map_scene.h"
+#include "tests/support/heap_calls.h"
 
 namespace stillmap {
 namespace {
@@ -203,7 +203,7 @@ TEST_F(MapQueriesTest, ASliceIsRefusedWithTheMend) {
 
 TEST_F(MapQueriesTest, TakesNothingFromTheHeap) {
   std::vector<Occupancy> cells(100);
-  const std::uint64_t before = test::heap_calls();
+  const long before = test::heap_calls();
   (void)queries.at({1, 1, 1});
   (void)queries.sweep({0, 0, 0}, {0, 0, 1}, 0.2, 3);
   (void)queries.slice({.to_z_m = 1, .columns = 10, .rows = 10}, cells);

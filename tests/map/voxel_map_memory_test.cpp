@@ -4,9 +4,9 @@
 
 #include <string>
 
-#include "heap_count.h"
 #include "map/voxel_map.h"
 #include "map_scene.h"
+#include "tests/support/heap_calls.h"
 
 namespace stillmap {
 namespace {
@@ -59,7 +59,7 @@ TEST(VoxelMapMemory, takes_nothing_from_the_heap) {
   config.capacity_voxels = 100 * kBlockVoxels;  // small enough to evict
   MapUnderTest t(small_camera(true), config);
   Picture ahead = t.render(room(), {}), aside = t.render(room(), turned(1.5));
-  const std::uint64_t before = test::heap_calls();
+  const long before = test::heap_calls();
   for (int i = 0; i < 10; ++i) {
     (void)t.map().fuse(t.input(ahead, {}));
     (void)t.map().fuse(t.input(aside, turned(1.5, {0, 0, 0.5 * i})));

@@ -6,7 +6,7 @@
 #include <random>
 
 #include "stream/scene_encoding.h"
-#include "tests/drivers/pictures/heap_calls.h"
+#include "tests/support/heap_calls.h"
 #include "wire_reader.h"
 
 namespace stillmap::stream {

@@ -4,7 +4,7 @@
 
 #include <algorithm>
 
-#include "runtime/heap_count.h"
+#include "tests/support/heap_calls.h"
 #include "tracker_scene.h"
 
 namespace stillmap {
@@ -93,12 +93,9 @@ TEST_F(TrackerOdometry, TakesNothingFromTheHeap) {
   Scene scene(told_.log, kLast);
   const FrameSlot slot = scene.slot(kLast);
   const DynamicMask mask = scene.mask();
-  start_heap_count();
-  const auto counted = [] { return heap_counts()[static_cast<std::size_t>(HeapOwner::Track)]; };
-  const std::uint64_t before = counted();
-  const HeapScope scope(HeapOwner::Track);
+  const long before = test::heap_calls();
   static_cast<void>(told_.tracker.track(slot, mask));
-  EXPECT_EQ(counted(), before);
+  EXPECT_EQ(test::heap_calls(), before);
 }
 
 }  // namespace

@@ -5,7 +5,7 @@
 
 #include <algorithm>
 
-#include "runtime/heap_count.h"
+#include "tests/support/heap_calls.h"
 #include "tracker_scene.h"
 
 namespace stillmap {
@@ -89,19 +89,13 @@ TEST(Tracker, TheSameFramesGiveTheSameNumbers) {
 }
 
 TEST(Tracker, TakesNothingFromTheHeap) {
-#ifdef STILLMAP_SANITIZED
-  GTEST_SKIP() << "the sanitizer brings its own malloc";
-#endif
+  if (!test::counts_heap_calls()) GTEST_SKIP() << "a sanitizer owns the heap";
   synthetic::SyntheticLog log({.seed = 2, .people = 2});
   Arena arena(std::size_t{160} << 20);
   Tracker tracker(arena, test::synthetic_config());
-  start_heap_count();
-  const auto counted = [] { return heap_counts()[static_cast<std::size_t>(HeapOwner::Track)]; };
-  {
-    HeapScope scope(HeapOwner::Track);
-    const auto something = std::make_unique<int>(1);
-    ASSERT_EQ(counted(), 1u) << "the counter must count, or this test proves nothing";
-  }
+  const long before = test::heap_calls();
+  const auto something = std::make_unique<int>(1);
+  ASSERT_EQ(test::heap_calls(), before + 1) << "the counter must count, or this test proves nothing";
   int lost = 0;
   for (int i = 0; i < 30; ++i) {
     Scene scene(log, i);
@@ -112,9 +106,9 @@ TEST(Tracker, TakesNothingFromTheHeap) {
       if (mask.cells[c].label == Label::Static) mask.cells[c] = {1, 8000, Label::SemiStatic, 0};
     }
     const FrameSlot slot = scene.slot(static_cast<std::uint64_t>(i));
-    HeapScope scope(HeapOwner::Track);
+    const long calls = test::heap_calls();
     lost += tracker.track(slot, mask).state == TrackState::Lost;
-    ASSERT_EQ(counted(), 1u) << "frame " << i;
+    ASSERT_EQ(test::heap_calls(), calls) << "frame " << i;
   }
   EXPECT_EQ(lost, 3) << "relocalization should have run";
 }

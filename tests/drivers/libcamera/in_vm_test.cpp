@@ -10,9 +10,9 @@
 #include "drivers/camera_module.h"
 #include "drivers/paired/paired.h"
 #include "drivers/v4l2/v4l2_stream.h"
-#include "tests/drivers/pictures/heap_calls.h"
 #include "tests/drivers/v4l2/program_run.h"
 #include "tests/support/frame.h"
+#include "tests/support/heap_calls.h"
 
 namespace stillmap {
 namespace {

@@ -12,9 +12,9 @@
 #include "drivers/camera_module.h"
 #include "drivers/paired/paired.h"
 #include "drivers/recorder/recorder.h"
-#include "tests/drivers/pictures/heap_calls.h"
 #include "tests/drivers/pictures/picture_files.h"
 #include "tests/support/frame.h"
+#include "tests/support/heap_calls.h"
 
 namespace stillmap {
 namespace {

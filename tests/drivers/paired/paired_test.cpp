@@ -6,8 +6,8 @@
 
 #include <vector>
 
-#include "tests/drivers/pictures/heap_calls.h"
 #include "tests/support/frame.h"
+#include "tests/support/heap_calls.h"
 
 namespace stillmap {
 namespace {

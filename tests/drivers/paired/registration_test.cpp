@@ -5,7 +5,7 @@
 
 #include <vector>
 
-#include "tests/drivers/pictures/heap_calls.h"
+#include "tests/support/heap_calls.h"
 
 namespace stillmap {
 namespace {

@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "drivers/pictures/png.h"
-#include "tests/drivers/pictures/heap_calls.h"
 #include "tests/drivers/pictures/picture_files.h"
+#include "tests/support/heap_calls.h"
 
 namespace stillmap {
 namespace {

@@ -13,9 +13,9 @@
 #include <vector>
 
 #include "drivers/tum_log/tum_log.h"
-#include "tests/drivers/pictures/heap_calls.h"
 #include "tests/drivers/pictures/picture_files.h"
 #include "tests/support/frame.h"
+#include "tests/support/heap_calls.h"
 
 namespace stillmap {
 namespace {

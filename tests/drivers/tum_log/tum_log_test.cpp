@@ -9,9 +9,9 @@
 #include <fstream>
 #include <tuple>
 
-#include "tests/drivers/pictures/heap_calls.h"
 #include "tests/drivers/pictures/picture_files.h"
 #include "tests/support/frame.h"
+#include "tests/support/heap_calls.h"
 #include "tests/support/shared_folder.h"
 
 namespace stillmap {

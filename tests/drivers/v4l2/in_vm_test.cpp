@@ -15,7 +15,7 @@
 
 #include "drivers/paired/paired.h"
 #include "drivers/v4l2/v4l2_stream.h"
-#include "tests/drivers/pictures/heap_calls.h"
+#include "tests/support/heap_calls.h"
 
 namespace stillmap {
 namespace {
