@@ -59,7 +59,7 @@ struct Event {
   Stage stage = Stage::Health;
   EventCode code = EventCode::TrackingStarted;
   std::uint64_t sequence = 0;
-  std::int64_t a = 0, b = 0;
+  std::int64_t a = 0;  ///< as the code says
 };
 
 /// One stage's events on their way to the health thread: the stage produces, health consumes, a full ring

@@ -124,7 +124,7 @@ void Capture::check_depth(const FrameSlot& slot) {
 
 /// Of the newest frame.
 void Capture::tell(EventCode code, std::int64_t a) {
-  static_cast<void>(events_.try_push({monotonic_now(), Stage::Capture, code, next_sequence_ - 1, a, 0}));
+  static_cast<void>(events_.try_push({monotonic_now(), Stage::Capture, code, next_sequence_ - 1, a}));
 }
 
 }  // namespace stillmap

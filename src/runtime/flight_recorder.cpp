@@ -71,7 +71,7 @@ Line line_of(const FlightFrame& f) {
 Line line_of(const Event& e) {
   Line line;
   line.add("event").add(e.stamp_ns).add(to_string(e.stage)).add(to_string(e.code));
-  line.add(static_cast<std::int64_t>(e.sequence)).add(e.a).add(e.b);
+  line.add(static_cast<std::int64_t>(e.sequence)).add(e.a);
   return line;
 }
 
@@ -123,7 +123,7 @@ bool FlightRecorder::write() const {
           .add("# frame at_ns stamp_ns sequence state matches inliers static dynamic semi_static unknown")
           .add("tx_um ty_um tz_um qx_e6 qy_e6 qz_e6 qw_e6 (T_map_camera)")
           .write_to(file);
-  whole &= Line().add("# event at_ns stage code sequence a b").write_to(file);
+  whole &= Line().add("# event at_ns stage code sequence a").write_to(file);
   whole &= write_ring(file, frames_, frame_count_, newest - kSpan, when_frame);
   whole &= write_ring(file, events_, event_count_, newest - kSpan, when_event);
   return ::close(file) == 0 && whole;

@@ -102,7 +102,7 @@ void Health::watch_stages(Nanoseconds now) {
     if (late) RunCounters::bump(context_.counters.late[i]);
     log({now, stage, late ? EventCode::StageLate : EventCode::StageInTime,
          context_.counters.processed.load(std::memory_order_relaxed),
-         context_.watchdog.busy(stage, now) / 1'000'000, 0});
+         context_.watchdog.busy(stage, now) / 1'000'000});
   }
   if (!context_.watchdog.stuck(now)) notifier_.alive(now);
 }

@@ -110,7 +110,7 @@ Status ReopeningSource::reopen() {
 }
 
 void ReopeningSource::tell(EventCode code, std::int64_t a) {
-  static_cast<void>(news_.events.try_push({monotonic_now(), Stage::Capture, code, 0, a, 0}));
+  static_cast<void>(news_.events.try_push({monotonic_now(), Stage::Capture, code, 0, a}));
 }
 
 }  // namespace stillmap

@@ -63,7 +63,7 @@ struct RunContext {
 
   /// A full ring counts what it refuses.
   void emit(Stage stage, EventCode code, std::uint64_t sequence, std::int64_t a) {
-    static_cast<void>(events_of(stage).try_push({monotonic_now(), stage, code, sequence, a, 0}));
+    static_cast<void>(events_of(stage).try_push({monotonic_now(), stage, code, sequence, a}));
   }
   /// For the one thread that takes frames from the driver.
   Capture capture() {
