@@ -14,12 +14,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 # Wrong arguments are told before minutes of building; without python3 (setup.sh brings it), after it.
 [ ! -x /usr/bin/python3 ] || scripts/bench.py --only-parse "$@"
 scripts/setup.sh --bench
-mkdir -p build/bench
-log=build/bench/build.txt
-{ cmake --preset release -DSTILLMAP_BENCHES=ON && cmake --build --preset release --target stillmap stillmap_synth stillmap_bench; } >"$log" 2>&1 || {
-  tail -n 50 "$log" >&2
-  echo "bench.sh: the build failed; its last words are above, all of them in $log" >&2
-  exit 1
-}
+cmake --preset release -DSTILLMAP_BENCHES=ON >/dev/null
+build_quietly release stillmap stillmap_synth stillmap_bench
 scripts/bench.py "$@"
 build/release/bin/stillmap_bench --benchmark_min_time=0.3

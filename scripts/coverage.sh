@@ -11,8 +11,7 @@ set -euo pipefail
 answer_help "$@"
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
-cmake --preset coverage
-cmake --build --preset coverage
+build coverage all
 find build/coverage -name '*.gcda' -delete
 # Some tests limit the size of files: the counters' are there before, at full length, and what gcov says is not the program's word.
 export GCOV_ERROR_FILE=/dev/null

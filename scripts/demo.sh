@@ -42,8 +42,7 @@ logged() {
 
 "$root/scripts/setup.sh"
 cd "$root"
-configure_and_build() { cmake --preset release && cmake --build --preset release --target stillmap stillmap_synth; }
-logged "building (a few minutes the first time)" configure_and_build
+logged "building (a few minutes the first time)" build release stillmap stillmap_synth
 
 log=$out/log-$frames
 if [ ! -d "$log" ]; then

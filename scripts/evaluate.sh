@@ -15,10 +15,5 @@ root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 # Wrong arguments are told before minutes of building; without python3 (setup.sh brings it), after it.
 [ ! -x /usr/bin/python3 ] || "$root/scripts/evaluate.py" --only-parse "$@"
 "$root/scripts/setup.sh"
-build() { (cd "$root" && cmake --preset release && cmake --build --preset release --target stillmap); }
-words=$(build 2>&1) || {
-  tail -n 30 <<<"$words" >&2
-  echo "evaluate.sh: the build failed" >&2
-  exit 1
-}
+(cd "$root" && build_quietly release stillmap)
 exec "$root/scripts/evaluate.py" "$@"

@@ -16,11 +16,7 @@ seconds=${1:-10}
 targets=("${@:2}")
 [ ${#targets[@]} -gt 0 ] || mapfile -t targets < <(cd tests/fuzz/corpus && ls)
 
-words=$( { cmake --preset asan && cmake --build --preset asan --target stillmap_fuzz; } 2>&1) || {
-  tail -n 30 <<<"$words" >&2
-  echo "fuzz.sh: the build failed" >&2
-  exit 1
-}
+build_quietly asan stillmap_fuzz
 
 fuzz() { # TARGET
   local learned=build/fuzz/corpus/$1 log=build/fuzz/$1.log

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # shellcheck shell=bash
-# --help of the scripts that a person runs; sourced by them, never run.
+# What the scripts that a person runs share: --help and building; sourced by them, never run.
 
 # answer_help "$@": where -h or --help is among the arguments, prints the comment at the script's head and ends the script.
 answer_help() {
@@ -13,4 +13,19 @@ answer_help() {
         ;;
     esac
   done
+}
+
+# build PRESET TARGET...: in the project's root.
+build() {
+  cmake --preset "$1" && cmake --build --preset "$1" --target "${@:2}"
+}
+
+# build_quietly PRESET TARGET...: says something only where it fails, and then ends the script.
+build_quietly() {
+  local words
+  words=$(build "$@" 2>&1) || {
+    tail -n 30 <<<"$words" >&2
+    echo "$(basename "$0"): the build failed" >&2
+    exit 1
+  }
 }

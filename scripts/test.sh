@@ -64,10 +64,6 @@ finish() {
   exit
 }
 
-build() { # PRESET TARGET...
-  cmake --preset "$1" && cmake --build --preset "$1" --target "${@:2}"
-}
-
 check_format() {
   git ls-files -z '*.cpp' '*.h' '*.h.in' | xargs -0 clang-format-14 --dry-run -Werror
 }
