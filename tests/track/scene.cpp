@@ -1,11 +1,66 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "scene.h"
 
+#include <unistd.h>
+
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
+#include <fstream>
 #include <numbers>
+#include <sstream>
+#include <string>
+#include <system_error>
 
 namespace stillmap::test {
+
+namespace {
+
+/// `visit` sees each part of a frame as bytes; where there are no people, nothing is kept of them.
+template <class Visit>
+void for_each_part(synthetic::SyntheticFrame& frame, bool people, Visit visit) {
+  const auto part = [&](auto& values) {
+    values.resize(640 * 480);
+    visit(reinterpret_cast<char*>(values.data()),
+          static_cast<std::streamsize>(values.size() * sizeof(values[0])));
+  };
+  part(frame.colour);
+  part(frame.depth);
+  if (people) {
+    part(frame.mask);
+    part(frame.true_depth_m);
+  } else {
+    frame.mask.assign(640 * 480, 0);
+    frame.true_depth_m.clear();
+  }
+}
+
+/// What one test has rendered is read by all others, of every build: most of a tracker's test is rendering,
+/// seconds a picture where a processor is emulated.
+void render_once(synthetic::SyntheticLog& log, int index, synthetic::SyntheticFrame& frame) {
+  const synthetic::SyntheticOptions& o = log.options();
+  std::ostringstream name;
+  name << STILLMAP_RENDERINGS "/" << o.seed << '-' << o.people << '-' << static_cast<int>(o.path) << '-'
+       << o.noise << '-' << index;
+  const std::string file = name.str();
+
+  std::ifstream kept(file, std::ios::binary);
+  for_each_part(frame, o.people > 0, [&](char* data, std::streamsize bytes) { kept.read(data, bytes); });
+  frame.stamp_ns = log.stamp_ns(index);
+  frame.T_world_camera = log.T_world_camera(frame.stamp_ns);
+  if (kept) return;
+
+  log.render(index, frame);
+  std::error_code ignored;
+  std::filesystem::create_directories(STILLMAP_RENDERINGS, ignored);
+  const std::string part = file + '.' + std::to_string(getpid());  // others may render it, too
+  std::ofstream out(part, std::ios::binary);
+  for_each_part(frame, o.people > 0, [&](char* data, std::streamsize bytes) { out.write(data, bytes); });
+  out.close();
+  if (out) std::filesystem::rename(part, file, ignored);
+}
+
+}  // namespace
 
 Config synthetic_config() {
   Config config;
@@ -20,7 +75,7 @@ Image<std::uint8_t> grey_of(const std::vector<Bgr>& colour, int width, int heigh
 }
 
 Scene::Scene(synthetic::SyntheticLog& log, int index) {
-  log.render(index, truth);
+  render_once(log, index, truth);
   grey = grey_of(truth.colour, 640, 480);
 }
 

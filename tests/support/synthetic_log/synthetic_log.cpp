@@ -17,11 +17,7 @@ constexpr std::array<Vec2, 4> kSubPixels{
 }  // namespace
 
 SyntheticLog::SyntheticLog(const SyntheticOptions& options)
-    : options_(options),
-      path_(options.seed, options.path),
-      room_(make_room(options.seed)),
-      materials_(make_materials(options.seed)),
-      caster_(camera(), room_.shell, materials_) {
+    : options_(options), path_(options.seed, options.path), room_(make_room(options.seed)) {
   for (int i = 0; i < options.people; ++i) walkers_.emplace_back(options.seed, i, path_);
 }
 
@@ -49,7 +45,7 @@ Pose SyntheticLog::T_world_camera(Nanoseconds stamp_ns) const {
 void SyntheticLog::look(double t_s, double x_offset_px, double y_offset_px) {
   shapes_ = room_.furniture;
   for (const Walker& walker : walkers_) walker.add_shapes(t_s, shapes_);
-  caster_.look(path_.T_world_camera(t_s), shapes_, x_offset_px, y_offset_px);
+  caster_->look(path_.T_world_camera(t_s), shapes_, x_offset_px, y_offset_px);
 }
 
 void SyntheticLog::render(int index, SyntheticFrame& frame) {
@@ -62,14 +58,18 @@ void SyntheticLog::render(int index, SyntheticFrame& frame) {
   frame.mask.resize(pixels);
   frame.true_depth_m.resize(pixels);
 
+  if (!caster_) {
+    materials_ = make_materials(options_.seed);
+    caster_.emplace(camera, room_.shell, materials_);
+  }
   const double t_s = to_seconds(frame.stamp_ns - kStart_ns);
   look(t_s, 0, 0);
-  caster_.cast(frame.true_depth_m, frame.mask);
+  caster_->cast(frame.true_depth_m, frame.mask);
   sums_.assign(pixels, {});
   for (std::size_t i = 0; i < kSubPixels.size(); ++i) {
     const double share = (static_cast<double>(i) + 0.5) / static_cast<double>(kSubPixels.size()) - 0.5;
     look(t_s + (options_.noise ? share * kExposure_s : 0), kSubPixels[i].x, kSubPixels[i].y);
-    caster_.add_colour(sums_);
+    caster_->add_colour(sums_);
   }
 
   Random random(options_.seed, 1'000'000 + static_cast<std::uint64_t>(index));

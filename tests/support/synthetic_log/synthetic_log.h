@@ -4,6 +4,7 @@
 #include <array>
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <vector>
 
 #include "core/camera.h"
@@ -55,9 +56,10 @@ class SyntheticLog {
   SyntheticOptions options_;
   CameraPath path_;
   Room room_;
-  std::vector<Texture> materials_;
   std::vector<Walker> walkers_;
-  RayCaster caster_;
+  // With the first picture: it takes longer to paint the materials than to render one.
+  std::vector<Texture> materials_;
+  std::optional<RayCaster> caster_;
   std::vector<Shape> shapes_;
   std::vector<std::array<std::uint16_t, 3>> sums_;
 };
