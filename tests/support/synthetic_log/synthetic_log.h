@@ -65,7 +65,8 @@ class SyntheticLog {
 };
 
 /// Writes the log as a TUM RGB-D folder: rgb/*.jpg, depth/*.png, mask/*.png, rgb.txt, depth.txt,
-/// associations.txt and groundtruth.txt (100 Hz, camera to world). The folder must be absent or empty.
+/// associations.txt and groundtruth.txt (100 Hz, camera to world). The folder must be absent or empty. Uses
+/// all processors.
 Status write_synthetic_log(const SyntheticOptions& options, const std::filesystem::path& folder);
 
 }  // namespace stillmap::synthetic

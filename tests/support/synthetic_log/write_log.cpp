@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
 #include <array>
 #include <cinttypes>
 #include <cstdio>
 #include <fstream>
+#include <future>
 #include <span>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "core/jpeg.h"
@@ -56,6 +59,40 @@ std::string ground_truth(const SyntheticLog& log) {
   return text;
 }
 
+struct FrameFiles {
+  std::string stamp, rgb, depth;
+};
+
+FrameFiles files_of(Nanoseconds stamp_ns) {
+  const std::string stamp = stamp_text(stamp_ns);
+  return {stamp, "rgb/" + stamp + ".jpg", "depth/" + stamp + ".png"};
+}
+
+/// Renders and writes each `step`-th frame from `first` on.
+Status write_frames(const SyntheticOptions& options, const fs::path& folder, int first, int step) {
+  SyntheticLog log(options);
+  const CameraModel camera = SyntheticLog::camera();
+  std::vector<char> jpeg(static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height) *
+                         3);
+  JpegEncoder encoder(Scratch(JpegEncoder::memory_bytes(camera.width)), camera.width, camera.height);
+  SyntheticFrame frame;
+  for (int i = first; i < options.frames; i += step) {
+    log.render(i, frame);
+    const FrameFiles files = files_of(frame.stamp_ns);
+    const auto view = [&](const auto& pixels) {
+      return ImageView<const std::decay_t<decltype(pixels[0])>>{pixels.data(), camera.width, camera.height,
+                                                                camera.width};
+    };
+    const std::size_t bytes = encoder.encode(view(frame.colour), 94, std::as_writable_bytes(std::span(jpeg)));
+    if (bytes == 0 || !write_bytes(folder / files.rgb, std::span(jpeg).first(bytes)))
+      return cannot_write(folder / files.rgb);
+    if (!write_png_grey16(folder / files.depth, view(frame.depth))) return cannot_write(folder / files.depth);
+    const fs::path mask_file = folder / "mask" / (files.stamp + ".png");
+    if (!write_png_grey8(mask_file, view(frame.mask))) return cannot_write(mask_file);
+  }
+  return {};
+}
+
 }  // namespace
 
 Status write_synthetic_log(const SyntheticOptions& options, const fs::path& folder) {
@@ -68,31 +105,24 @@ Status write_synthetic_log(const SyntheticOptions& options, const fs::path& fold
     return Error{ExitCode::WrongConfig, folder.string() + " holds a log already: give --out a new folder"};
   }
 
-  SyntheticLog log(options);
-  const CameraModel camera = SyntheticLog::camera();
+  // Each thread paints the room's materials for itself, which takes as long as a few frames.
+  const int threads =
+      std::clamp(options.frames / 8, 1, std::max(1, static_cast<int>(std::thread::hardware_concurrency())));
+  std::vector<std::future<Status>> parts;
+  for (int i = 0; i < threads; ++i)
+    parts.push_back(std::async(std::launch::async, write_frames, options, folder, i, threads));
+  for (std::future<Status>& part : parts) {
+    if (const Status written = part.get(); !written.ok()) return written;
+  }
+
+  const SyntheticLog log(options);
   std::string rgb = "# color images\n# timestamp filename\n", depth = "# depth maps\n# timestamp filename\n",
               associations;
-  std::vector<char> jpeg(static_cast<std::size_t>(camera.width) * static_cast<std::size_t>(camera.height) *
-                         3);
-  JpegEncoder encoder(Scratch(JpegEncoder::memory_bytes(camera.width)), camera.width, camera.height);
-  SyntheticFrame frame;
   for (int i = 0; i < options.frames; ++i) {
-    log.render(i, frame);
-    const std::string stamp = stamp_text(frame.stamp_ns);
-    const std::string rgb_file = "rgb/" + stamp + ".jpg", depth_file = "depth/" + stamp + ".png";
-    const auto view = [&](const auto& pixels) {
-      return ImageView<const std::decay_t<decltype(pixels[0])>>{pixels.data(), camera.width, camera.height,
-                                                                camera.width};
-    };
-    const std::size_t bytes = encoder.encode(view(frame.colour), 94, std::as_writable_bytes(std::span(jpeg)));
-    if (bytes == 0 || !write_bytes(folder / rgb_file, std::span(jpeg).first(bytes)))
-      return cannot_write(folder / rgb_file);
-    if (!write_png_grey16(folder / depth_file, view(frame.depth))) return cannot_write(folder / depth_file);
-    const fs::path mask_file = folder / "mask" / (stamp + ".png");
-    if (!write_png_grey8(mask_file, view(frame.mask))) return cannot_write(mask_file);
-    rgb += stamp + " " + rgb_file + "\n";
-    depth += stamp + " " + depth_file + "\n";
-    associations += stamp + " " + rgb_file + " " + stamp + " " + depth_file + "\n";
+    const FrameFiles files = files_of(log.stamp_ns(i));
+    rgb += files.stamp + " " + files.rgb + "\n";
+    depth += files.stamp + " " + files.depth + "\n";
+    associations += files.stamp + " " + files.rgb + " " + files.stamp + " " + files.depth + "\n";
   }
   const std::array<std::pair<const char*, std::string>, 4> texts{{{"rgb.txt", rgb},
                                                                   {"depth.txt", depth},
