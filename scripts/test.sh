@@ -109,9 +109,9 @@ if [ "$full" = no ]; then
   step "part of the tests on armhf" check_arm armhf
 fi
 
-# Under sanitizers, scripts and the program's black-box tests say little more than the rooms' tests and take much longer;
-# the tracker's tests render their frames, which takes a sanitizer minutes. What takes bytes or indices from elsewhere is
-# in; segment, eval and paired only calculate. Threads meet in core, stream and runtime only.
+# Under sanitizers, scripts and the program's black-box tests say little more than the rooms' tests and take much longer.
+# What takes bytes or indices from elsewhere is in; track, segment, eval and paired only calculate. Threads meet in core,
+# stream and runtime only.
 asan_programs=(core_test detect_test map_test stream_test pictures_test tum_log_test recorder_test fuzz_test stillmap_fuzz)
 asan_tests=(-R '^(core_test|detect_test|map_test|stream_test|pictures_test|tum_log_test|recorder_test|fuzz_test)\.')
 tsan_programs=(core_test stream_test runtime_test)
