@@ -38,7 +38,8 @@ std::uint16_t PlaceIndex::Table::key_of(const Descriptor& d) const {
 
 PlaceIndex::PlaceIndex(Arena& arena, std::size_t keyframes, std::size_t features)
     : keyframes_(keyframes),
-      features_(features), places_(arena.take<std::span<const Descriptor>>("places", keyframes)) {
+      features_(features),
+      places_(arena.take<std::span<const Descriptor>>("places", keyframes)) {
   STILLMAP_CHECK(keyframes < 0xffff && features < 0xffff);
   const auto even = most_even_bits();
   for (std::size_t t = 0; t < kTables; ++t) {
