@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "track/view_matcher.h"
 
+#include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <Eigen/Eigenvalues>
-#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -258,10 +258,10 @@ void ViewMatcher::weigh(const PoseEstimate& estimate, const Keyframe& a, const K
   Matrix6 covariance = Eigen::Map<const Matrix6>(estimate.covariance.data());
   covariance.topLeftCorner<3, 3>().diagonal().array() += kLeastSigma_rad * kLeastSigma_rad;
   covariance.bottomRightCorner<3, 3>().diagonal().array() += kLeastSigma_m * kLeastSigma_m;
-  Eigen::Map<Matrix6>(out.information.data()) = covariance.inverse();
+  Eigen::Map<Matrix6>(out.information.data()) = covariance.llt().solve(Matrix6::Identity());
   const auto worst = [](const Eigen::Matrix3d& m) {
-    return std::sqrt(
-        Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(m, Eigen::EigenvaluesOnly).eigenvalues()[2]);
+    Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen;
+    return std::sqrt(eigen.computeDirect(m, Eigen::EigenvaluesOnly).eigenvalues()[2]);
   };
   out.sigma_rad = worst(covariance.topLeftCorner<3, 3>());
   out.sigma_m = worst(covariance.bottomRightCorner<3, 3>());
@@ -275,8 +275,8 @@ void ViewMatcher::weigh(const PoseEstimate& estimate, const Keyframe& a, const K
     square += p * p.transpose() / estimate.inliers;
   }
   const Eigen::Matrix2d shape = square - mean * mean.transpose();
-  const double narrow =
-      Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(shape, Eigen::EigenvaluesOnly).eigenvalues()[0];
+  Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> eigen;
+  const double narrow = eigen.computeDirect(shape, Eigen::EigenvaluesOnly).eigenvalues()[0];
   out.spread = std::sqrt(std::max(0.0, narrow)) / camera_.width;
   count_depths(a, b, out);
 }
