@@ -48,7 +48,7 @@ class BlockFuser {
                    std::span<const float> z_m, ImageView<const Bgr> colour, double max_range_m,
                    std::uint16_t frame_mark);
   bool in_view(BlockCoordinates at) const;
-  /// Whether the frame may say anything of a block: more than half of those in view are hidden.
+  /// Whether the frame may say anything of a block: not where all that was measured around it lies before it.
   bool may_tell(BlockCoordinates at) const;
   Change fuse(BlockCoordinates at, std::span<Voxel, kBlockVoxels> voxels) const;
 

@@ -14,8 +14,7 @@ std::size_t squares_of(int size_px) {
   return static_cast<std::size_t>((size_px + DepthHorizon::kSquare_px - 1) / DepthHorizon::kSquare_px);
 }
 
-/// The first and the last that the slopes between `least` and `most` fall on; none: the last is before the
-/// first.
+/// The first that slopes between `least` and `most` may fall on, and the one after the last.
 template <class Slopes>
 std::pair<std::size_t, std::size_t> met(Slopes slopes, float least, float most) {
   std::size_t first = 0, end = slopes.size();

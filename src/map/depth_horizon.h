@@ -18,7 +18,7 @@ class DepthHorizon {
   /// `rays` must be of this camera.
   DepthHorizon(Arena& arena, const CameraModel& camera, const RayTable& rays);
 
-  /// `z_m` as MeasuredDepth has it. About 0.1 ms.
+  /// `z_m` as MeasuredDepth has it.
   void take(std::span<const float> z_m);
   /// The farthest depth in all squares that a ball of the camera frame (m) may be seen in; 0 where nothing
   /// was measured there, infinity around the camera itself.
