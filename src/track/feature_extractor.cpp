@@ -3,12 +3,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
+
+#include "core/vector_clones.h"
 
 namespace stillmap {
 
 namespace {
 
-constexpr int kPatchRadius = 15;
 constexpr int kMargin = 19;  // the patch, its smoothing, and a pixel of rounding
 constexpr int kCellPx = 30;
 constexpr std::size_t kPerCell = 24;  // corners that one cell may offer
@@ -19,18 +21,35 @@ bool stronger_corner(const Corner& a, const Corner& b) {
   return a.y != b.y ? a.y < b.y : a.x < b.x;
 }
 
-float orientation(ImageView<const std::uint8_t> image, Corner c, const std::array<int, 16>& half_width) {
-  int m10 = 0, m01 = 0;
+using U8x16 = std::uint8_t __attribute__((vector_size(16)));
+using I16x16 = std::int16_t __attribute__((vector_size(32)));
+
+[[gnu::always_inline]] inline I16x16 sixteen(const std::uint8_t* p, const std::uint8_t* mask) {
+  U8x16 v, m;
+  std::memcpy(&v, p, sizeof v);
+  std::memcpy(&m, mask, sizeof m);
+  return __builtin_convertvector(v & m, I16x16);
+}
+
+/// Of the patch around `c`, by its intensity centroid. Sums of columns first: sixteen bits hold them, also
+/// where each pixel counts as often as its row is away from the middle one.
+STILLMAP_VECTOR_CLONES float orientation(ImageView<const std::uint8_t> image, Corner c,
+                                         const PatchMask& mask) {
+  std::array<I16x16, 2> sums{}, moments{};
   for (int dy = -kPatchRadius; dy <= kPatchRadius; ++dy) {
-    const int half = half_width[static_cast<std::size_t>(std::abs(dy))];
-    const std::uint8_t* p = image.row(c.y + dy) + c.x;
-    int sum = 0, moment = 0;
-    for (int dx = -half; dx <= half; ++dx) {
-      sum += p[dx];
-      moment += dx * p[dx];
+    const std::uint8_t* p = image.row(c.y + dy) + c.x - kPatchRadius;
+    const std::uint8_t* m = mask[static_cast<std::size_t>(std::abs(dy))].data();
+    for (std::size_t half = 0; half < 2; ++half) {
+      const I16x16 pixels = sixteen(p + 16 * half, m + 16 * half);
+      sums[half] += pixels;
+      moments[half] += static_cast<std::int16_t>(dy) * pixels;
     }
-    m10 += moment;
-    m01 += dy * sum;
+  }
+  int m10 = 0, m01 = 0;
+  for (int x = 0; x < 32; ++x) {
+    const auto half = static_cast<std::size_t>(x / 16);
+    m10 += (x - kPatchRadius) * sums[half][x % 16];
+    m01 += moments[half][x % 16];
   }
   return std::atan2(static_cast<float>(m01), static_cast<float>(m10));
 }
@@ -59,8 +78,10 @@ FeatureExtractor::FeatureExtractor(Arena& arena, const Config::Track& config, co
       pyramid_(arena, camera.width, camera.height, config.levels, config.scale_factor),
       ranked_(arena.take<Ranked>("corners", 40'000)) {
   for (int dy = 0; dy <= kPatchRadius; ++dy) {
-    circle_half_width_[static_cast<std::size_t>(dy)] =
+    const int half_width =
         static_cast<int>(std::sqrt(static_cast<double>(kPatchRadius * kPatchRadius - dy * dy)));
+    std::uint8_t* middle = &patch_mask_[static_cast<std::size_t>(dy)][kPatchRadius];
+    std::fill(middle - half_width, middle + half_width + 1, std::uint8_t{255});
   }
 }
 
@@ -134,7 +155,7 @@ Feature FeatureExtractor::feature_at(int level, Corner corner) const {
   f.y = static_cast<float>(y);
   f.ray_x = static_cast<float>(ray.x);
   f.ray_y = static_cast<float>(ray.y);
-  f.angle_rad = orientation(image, corner, circle_half_width_);
+  f.angle_rad = orientation(image, corner, patch_mask_);
   f.response = corner.score;
   f.octave = static_cast<std::uint8_t>(level);
   return f;

@@ -15,6 +15,11 @@
 
 namespace stillmap {
 
+/// Which pixels of a patch count, by their row's distance from the middle one: 255 within a circle, else 0.
+/// As many in a row as vectors hold.
+inline constexpr int kPatchRadius = 15;
+using PatchMask = std::array<std::array<std::uint8_t, 2 * kPatchRadius + 2>, kPatchRadius + 1>;
+
 /// The features of one frame: `features[i]` is described by `descriptors[i]`.
 struct FrameFeatures {
   ArenaVector<Feature> features;
@@ -57,7 +62,7 @@ class FeatureExtractor {
   CameraModel camera_;
   Pyramid pyramid_;
   DescriptorPattern pattern_;
-  std::array<int, 16> circle_half_width_{};
+  PatchMask patch_mask_{};
   CellCorners cell_;
   ArenaVector<Ranked> ranked_;
 };
