@@ -41,13 +41,24 @@ class PlaceIndex {
   /// What is inserted as this keyframe.
   std::span<const Descriptor> descriptors(std::size_t slot) const { return places_[slot]; }
   /// Calls `visit(slot, descriptor)` for every feature whose key agrees with this descriptor's in one table:
-  /// a keyframe may come several times, and what it shows may look different all the same.
+  /// a keyframe may come several times, and what it shows may look different all the same. All tables at once:
+  /// every step along a chain waits for memory, of several chains for all of them together.
   template <class Visit>
   void for_each_alike(const Descriptor& d, Visit&& visit) const {
-    for (const Table& table : tables_) {
-      const std::uint16_t key = table.key_of(d);
-      for (Node node = table.head(key); node != kEnd; node = table.next[at(node)]) {
-        if (table.keys[at(node)] == key) visit(slot_of(node), places_[slot_of(node)][feature_of(node)]);
+    std::array<std::uint16_t, kTables> keys;
+    std::array<Node, kTables> nodes;
+    for (std::size_t t = 0; t < kTables; ++t) {
+      keys[t] = tables_[t].key_of(d);
+      nodes[t] = tables_[t].head(keys[t]);
+    }
+    for (bool more = true; more;) {
+      more = false;
+      for (std::size_t t = 0; t < kTables; ++t) {
+        const Node node = nodes[t];
+        if (node == kEnd) continue;
+        more = true;
+        nodes[t] = tables_[t].next[at(node)];
+        if (tables_[t].keys[at(node)] == keys[t]) visit(slot_of(node), places_[slot_of(node)][feature_of(node)]);
       }
     }
   }
