@@ -9,8 +9,9 @@
 
 namespace stillmap {
 
-/// Initializing: no map yet. Tracking: enough inliers. Weak: above the floor, but not by much. Lost: below
-/// the floor; the pose is only predicted and is never published as one.
+/// Initializing: no map yet. Tracking: enough inliers. Weak: above the floor, but not by much; or for a
+/// moment (0.2 s at most) by aligning the picture as a whole, with no inliers. Lost: below the floor; the
+/// pose is only predicted and is never published as one.
 enum class TrackState : std::uint8_t { Initializing, Tracking, Weak, Lost };
 const char* to_string(TrackState state);
 
@@ -41,6 +42,8 @@ struct TrackingResult {
 
   Pose T_map_camera() const { return T_map_odom * T_odom_camera; }
   bool has_pose() const { return state == TrackState::Tracking || state == TrackState::Weak; }
+  /// What may enter a map: not what only bridges a moment.
+  bool stands_on_points() const { return has_pose() && inliers > 0; }
 };
 
 }  // namespace stillmap

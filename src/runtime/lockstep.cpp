@@ -67,7 +67,7 @@ void run_lockstep(RunContext& context) {
       }
     }
     if (auto* item = delayed.due(n)) context.stages.track.take_boxes(item->detected.boxes);
-    const bool has_pose = track_frame(context, *frame);
+    const bool for_map = track_frame(context, *frame);
     if (context.stages.track.work_waits() && adjust_at == kNever)
       adjust_at = n + static_cast<std::uint64_t>(context.options.adjust_delay);
     if (n >= adjust_at) {
@@ -77,7 +77,7 @@ void run_lockstep(RunContext& context) {
     if (context.detector == nullptr) offer_picture(context, *frame, {});
 
     const HeapScope scope(HeapOwner::Map);
-    if (has_pose) {
+    if (for_map) {
       PosedFrame posed;
       context.stages.track.fill_posed(frame, posed);
       context.stages.map.take_frame(std::move(posed));

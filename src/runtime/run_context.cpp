@@ -83,7 +83,7 @@ bool track_frame(RunContext& context, const FrameSlot& frame) {
   context.counters.points.note(context.stages.track.tracker().point_usage());
   context.counters.keyframe_pool.note(context.stages.track.tracker().keyframe_usage());
   if (context.stages.stream) publish(context, result);
-  return result.has_pose();
+  return result.stands_on_points();
 }
 
 void adjust_map(RunContext& context) {

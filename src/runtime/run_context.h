@@ -79,7 +79,7 @@ struct RunContext {
 };
 
 /// One frame through tracking, with its counts, events and stream: what every mode does on its track thread.
-/// True when the frame has a pose.
+/// True when the frame may enter the map.
 bool track_frame(RunContext& context, const FrameSlot& frame);
 
 /// The local map's adjustment, where one waits: what every mode does beside its track thread.

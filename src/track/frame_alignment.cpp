@@ -72,6 +72,13 @@ void blur(ImageView<float> image, std::span<float> line) {
   for (int x = 0; x < image.width; ++x) pass(image.height, image.data + x, image.stride);
 }
 
+Vector7 information_of(const PosePrior& prior) {
+  Vector7 information = Vector7::Zero();
+  information.head<3>().setConstant(1 / (prior.sigma_rotation_rad * prior.sigma_rotation_rad));
+  information.segment<3>(3).setConstant(1 / (prior.sigma_translation_m * prior.sigma_translation_m));
+  return information;
+}
+
 double huber_cost(double size) {
   return size > kHuber ? kHuber * (2 * size - kHuber) : size * size;
 }
@@ -83,7 +90,7 @@ struct FrameAlignment::Equations {
   Matrix7 H = Matrix7::Zero();
   Vector7 b = Vector7::Zero();
   double cost = 0;  // mean Huber cost of those in view
-  std::size_t in_view = 0;
+  std::size_t in_view = 0, agreeing = 0;
 };
 
 FrameAlignment::FrameAlignment(Arena& arena, const CameraModel& camera)
@@ -147,7 +154,8 @@ void FrameAlignment::sample(Level& level, ImageView<const std::uint16_t> depth,
   }
 }
 
-FrameAlignment::Equations FrameAlignment::equations_at(const Level& level, const Pose& T, float offset) {
+FrameAlignment::Equations FrameAlignment::equations_at(const Level& level, const Pose& T, float offset,
+                                                       const DynamicMask* mask) const {
   using Vector7f = Eigen::Matrix<float, 7, 1>;
   Eigen::Matrix<float, 7, 7> H = Eigen::Matrix<float, 7, 7>::Zero();
   Vector7f b = Vector7f::Zero();
@@ -158,6 +166,7 @@ FrameAlignment::Equations FrameAlignment::equations_at(const Level& level, const
   const auto cx = static_cast<float>(level.camera.cx), cy = static_cast<float>(level.camera.cy);
   const auto last_x = static_cast<float>(level.image.width - 1),
              last_y = static_cast<float>(level.image.height - 1);
+  const int scale = camera_.width / level.camera.width;
   Equations out;
   double cost = 0;
   for (const Sample& s : level.samples) {
@@ -168,6 +177,7 @@ FrameAlignment::Equations FrameAlignment::equations_at(const Level& level, const
     const float v = fy * (R[3] * p[0] + R[4] * p[1] + R[5] * p[2] + ty) / z + cy;
     if (!(u >= 0 && v >= 0 && u < last_x && v < last_y)) continue;
     const int x = static_cast<int>(u), y = static_cast<int>(v);
+    if (mask != nullptr && label_at(*mask, x * scale, y * scale, z) == Label::Dynamic) continue;
     const float a = u - static_cast<float>(x), c = v - static_cast<float>(y);
     const float *above = level.image.row(y) + x, *below = level.image.row(y + 1) + x;
     const float seen =
@@ -176,6 +186,7 @@ FrameAlignment::Equations FrameAlignment::equations_at(const Level& level, const
     const float weight = size > kHuber ? kHuber / size : 1;
     cost += huber_cost(size);
     ++out.in_view;
+    out.agreeing += size <= kHuber;
     Vector7f J;
     J << s.jacobian[0], s.jacobian[1], s.jacobian[2], s.jacobian[3], s.jacobian[4], s.jacobian[5], 1;
     H.noalias() += weight * J * J.transpose();
@@ -187,10 +198,9 @@ FrameAlignment::Equations FrameAlignment::equations_at(const Level& level, const
   return out;
 }
 
-Pose FrameAlignment::align(const PosePrior& prior) const {
-  Vector7 information = Vector7::Zero();
-  information.head<3>().setConstant(1 / (prior.sigma_rotation_rad * prior.sigma_rotation_rad));
-  information.segment<3>(3).setConstant(1 / (prior.sigma_translation_m * prior.sigma_translation_m));
+Pose FrameAlignment::align(const PosePrior& prior) {
+  aligned_.reset();
+  const Vector7 information = information_of(prior);
   Pose T = prior.T_camera_world;
   float offset = 0;
   for (std::size_t l = levels_.size(); l-- > 0;) {
@@ -219,7 +229,22 @@ Pose FrameAlignment::align(const PosePrior& prior) const {
       if (settled) break;
     }
   }
+  aligned_ = {T, offset, prior};
   return {orthonormalized(T.R), T.t};
+}
+
+bool FrameAlignment::holds(const DynamicMask& mask) const {
+  if (!aligned_) return false;
+  const Level& finest = levels_.front();
+  const Equations at = equations_at(finest, aligned_->T_camera_before, aligned_->offset, &mask);
+  if (at.in_view < kFewest || 2 * at.agreeing < at.in_view) return false;
+  // How it turned must be seen. Where to it moved a distant wall does not say, and the prior lets it not go
+  // far.
+  const Vector7 information = information_of(aligned_->prior);
+  Matrix7 beyond = at.H / (kSigma * kSigma);
+  beyond.diagonal().head<3>() -= information.head<3>();
+  beyond.diagonal().segment<3>(3) += information.segment<3>(3);
+  return Eigen::LLT<Matrix7>(beyond).info() == Eigen::Success;
 }
 
 }  // namespace stillmap

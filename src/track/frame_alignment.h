@@ -4,6 +4,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <span>
 
 #include "core/arena.h"
@@ -35,7 +36,11 @@ class FrameAlignment {
 
   /// T_camera_before: from the remembered picture's camera to the new one's, sought around where `prior` has
   /// it (`prior.T_camera_world` is this same motion). The prior's where nothing fits better.
-  Pose align(const PosePrior& prior) const;
+  Pose align(const PosePrior& prior);
+  /// Whether what `align` found last is the picture's word rather than the prior's: most of what it shows
+  /// agrees, but for the movers that `mask` has in the new picture, and tells more of the turn than the
+  /// prior.
+  bool holds(const DynamicMask& mask) const;
 
  private:
   /// A pixel of the picture before that has depth: where it is, and how its brightness would change with the
@@ -51,11 +56,18 @@ class FrameAlignment {
     ArenaVector<Sample> samples;
   };
   struct Equations;
+  struct Aligned {
+    Pose T_camera_before;
+    float offset = 0;  // of brightness
+    PosePrior prior;
+  };
   void sample(Level& level, ImageView<const std::uint16_t> depth, const DynamicMask& mask) const;
-  static Equations equations_at(const Level& level, const Pose& T_camera_before, float offset);
+  Equations equations_at(const Level& level, const Pose& T_camera_before, float offset,
+                         const DynamicMask* mask = nullptr) const;
 
   CameraModel camera_;
   std::array<Level, 2> levels_;  // the finer one first
+  std::optional<Aligned> aligned_;
   std::span<std::uint32_t> sums_;
   std::span<float> row_;
 };

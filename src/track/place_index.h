@@ -41,8 +41,8 @@ class PlaceIndex {
   /// What is inserted as this keyframe.
   std::span<const Descriptor> descriptors(std::size_t slot) const { return places_[slot]; }
   /// Calls `visit(slot, descriptor)` for every feature whose key agrees with this descriptor's in one table:
-  /// a keyframe may come several times, and what it shows may look different all the same. All tables at once:
-  /// every step along a chain waits for memory, of several chains for all of them together.
+  /// a keyframe may come several times, and what it shows may look different all the same. All tables at
+  /// once: every step along a chain waits for memory, of several chains for all of them together.
   template <class Visit>
   void for_each_alike(const Descriptor& d, Visit&& visit) const {
     std::array<std::uint16_t, kTables> keys;
@@ -58,7 +58,8 @@ class PlaceIndex {
         if (node == kEnd) continue;
         more = true;
         nodes[t] = tables_[t].next[at(node)];
-        if (tables_[t].keys[at(node)] == keys[t]) visit(slot_of(node), places_[slot_of(node)][feature_of(node)]);
+        if (tables_[t].keys[at(node)] == keys[t])
+          visit(slot_of(node), places_[slot_of(node)][feature_of(node)]);
       }
     }
   }

@@ -20,6 +20,7 @@ constexpr int kFewestToStart = 100;  // points of the first keyframe
 constexpr std::size_t kPlacesPerTry = 2;     // keyframes compared per lost frame, beside the newest
 constexpr std::size_t kPlaceFeatures = 500;  // of a keyframe, that the place index goes by
 constexpr Nanoseconds kKeyframeGap_ns = 60'000'000;
+constexpr Nanoseconds kLongestBridge_ns = 200'000'000;  // since the last frame found by points
 
 Pose mount_of(const Config& config) {
   if (!config.mount.T_base_camera) return {};
@@ -120,7 +121,7 @@ const TrackingResult& Tracker::track(const FrameSlot& slot, const DynamicMask& m
     if (turn_rad_per_s)
       readout_.observe(frame_.features, matches(), slot.colour_ns, result_.T_odom_camera, *turn_rad_per_s);
     judge();
-  } else {
+  } else if (!bridge(slot.colour_ns, mask)) {
     result_.state = TrackState::Lost;
     result_.T_odom_camera = predicted;
     start_segment(slot);
@@ -128,8 +129,11 @@ const TrackingResult& Tracker::track(const FrameSlot& slot, const DynamicMask& m
   if (result_.has_pose()) {
     lost_since_ns_ = 0;
     motion_.posed(slot.colour_ns, result_.T_odom_camera);
-    inliers_before_ = result_.inliers;
-    if (!result_.is_keyframe) {
+    if (result_.stands_on_points()) {
+      inliers_before_ = result_.inliers;
+      found_ns_ = slot.colour_ns;
+    }
+    if (result_.stands_on_points() && !result_.is_keyframe) {
       if (checks_motion_)
         motion_check_.relabel(frame_, grid_, matches(), slot.colour_ns, result_.T_odom_camera, extractor_);
       builder_.refine_points(map_, posed(slot), extractor_);
@@ -244,6 +248,24 @@ bool Tracker::relocalize() {
     if (++tried == kPlacesPerTry) break;
   }
   return false;
+}
+
+/// No point tells where the camera is, but the picture as a whole does, from the frame before: for a moment,
+/// since each such step adds its error to the last one's. Nothing is learned from it.
+bool Tracker::bridge(Nanoseconds stamp_ns, const DynamicMask& mask) {
+  if (stamp_ns - found_ns_ > kLongestBridge_ns || !alignment_.holds(mask)) return false;
+  std::ranges::fill(matches(), FeatureMatch{});
+  result_.state = TrackState::Weak;
+  result_.matches = 0;
+  result_.rms_px = 0;
+  result_.T_odom_camera = aligned_;
+  // At its worst the motion model's own.
+  const PosePrior step = motion_.step(stamp_ns);
+  for (std::size_t i = 0; i < 6; ++i) {
+    const double sigma = i < 3 ? step.sigma_rotation_rad : step.sigma_translation_m;
+    result_.covariance[7 * i] += sigma * sigma;
+  }
+  return true;
 }
 
 void Tracker::judge() {

@@ -86,6 +86,7 @@ class Tracker {
   void label_features(const DynamicMask& mask);
   void take_adjustment();
   void close_loops(std::uint64_t sequence);
+  bool bridge(Nanoseconds stamp_ns, const DynamicMask& mask);
   void judge();
   bool wants_keyframe() const;
   void insert_keyframe(const FrameSlot& slot);
@@ -118,8 +119,9 @@ class Tracker {
   MotionModel motion_;
 
   TrackingResult result_;
-  int inliers_before_ = 0;  // of the last posed frame
-  Pose aligned_;            // T_odom_camera of this frame, by small pictures
+  int inliers_before_ = 0;    // of the last frame found by points
+  Nanoseconds found_ns_ = 0;  // its stamp
+  Pose aligned_;              // T_odom_camera of this frame, by small pictures
   Pose T_odom_keyframe_;
   int keyframe_points_ = 0;
   std::uint32_t segment_begin_ = 0;  // first keyframe since the newest change of segment

@@ -132,6 +132,32 @@ TEST_F(FrameAlignmentTest, WhereNothingCanBeSaidTheMotionModelStays) {
   EXPECT_LT(test::angle_between(alignment_.align(model), model.T_camera_world), 1e-6);
 }
 
+TEST_F(FrameAlignmentTest, HoldsWhereMostOfThePictureAgreesAndTellsOfTheTurn) {
+  const auto holds = [&](const PosePrior& prior, const DynamicMask& mask = {}) {
+    alignment_.align(prior);
+    return alignment_.holds(mask);
+  };
+  EXPECT_FALSE(alignment_.holds({})) << "nothing is aligned";
+  found_after(kJerk);
+  EXPECT_TRUE(holds(kStill));
+  EXPECT_FALSE(holds({{exp_so3({0, 1.2, 0}), {}}, 0.1, 0.1})) << "sought where nothing of it is in view";
+  EXPECT_FALSE(holds({{}, 1e-5, 1e-5})) << "who knows better needs no picture";
+  DynamicMask movers;
+  movers.rule = DynamicRule::Silhouette;
+  movers.columns = 80, movers.rows = 60;
+  movers.cells.fill({1, 60000, Label::Dynamic, 0});
+  EXPECT_FALSE(holds(kStill, movers)) << "all that agrees is a mover's";
+  look({exp_so3({0, 0, 1.5}), {}});
+  EXPECT_FALSE(holds(kStill)) << "another picture";
+  gain_ = 0, offset_ = 90;
+  look({});
+  remember();
+  look(kJerk);
+  EXPECT_FALSE(holds(kStill)) << "a bare wall agrees with everything";
+  alignment_.forget();
+  EXPECT_FALSE(holds(kStill));
+}
+
 TEST_F(FrameAlignmentTest, WhatTheModelIsSureOfIsKept) {
   look({});
   remember();

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <vector>
 
 #include "tests/support/shared_folder.h"
 #include "tracker_scene.h"
@@ -16,6 +17,27 @@ using test::TrackerScene;
 
 void darken(Scene& scene) {
   std::fill(scene.truth.colour.begin(), scene.truth.colour.end(), Bgr{});
+}
+/// As a mean over 33 by 33 pixels leaves it.
+void blur(Scene& scene) {
+  constexpr int kWidth = 640, kHeight = 480, kReach = 16;
+  const auto mean_of = [&](std::size_t first, std::size_t stride, int count) {
+    std::vector<Bgr> line(static_cast<std::size_t>(count));
+    for (std::size_t i = 0; i < line.size(); ++i) line[i] = scene.truth.colour[first + i * stride];
+    for (int i = 0; i < count; ++i) {
+      int b = 0, g = 0, r = 0;
+      for (int d = -kReach; d <= kReach; ++d) {
+        const Bgr& c = line[static_cast<std::size_t>(std::clamp(i + d, 0, count - 1))];
+        b += c.b, g += c.g, r += c.r;
+      }
+      constexpr int kPixels = 2 * kReach + 1;
+      scene.truth.colour[first + static_cast<std::size_t>(i) * stride] = {
+          static_cast<std::uint8_t>(b / kPixels), static_cast<std::uint8_t>(g / kPixels),
+          static_cast<std::uint8_t>(r / kPixels)};
+    }
+  };
+  for (std::size_t y = 0; y < kHeight; ++y) mean_of(y * kWidth, 1, kWidth);
+  for (std::size_t x = 0; x < kWidth; ++x) mean_of(x, kWidth, kHeight);
 }
 void take_depth(Scene& scene) {
   std::fill(scene.truth.depth.begin(), scene.truth.depth.end(), std::uint16_t{0});
@@ -75,6 +97,36 @@ TEST(TrackerWorld, ACoveredLensIsLostAndThenFoundAgain) {
   EXPECT_LE(frames, 2) << "frames until it was found again";
   EXPECT_TRUE(all.back().result.has_pose());
   EXPECT_LT(test::drift_rmse_m(all), 0.01) << "in the same odom frame as before";
+}
+
+/// Blurred until no corner is left, as by a jerk: the picture as a whole tells of the motion, for a fifth of
+/// a second.
+TEST(TrackerWorld, AMomentWithoutPointsIsBridgedByThePictureAsAWhole) {
+  TrackerScene scene({.seed = 2, .people = 0});
+  const std::vector<Tracked> before = scene.run(0, 30);
+  const auto points = scene.tracker.point_usage().high_water;
+  const auto keyframes = scene.tracker.keyframe_usage().high_water;
+  std::vector<Tracked> all = before;
+  int bridged = 0;
+  for (int i = 30; i < 45; ++i) {
+    const Tracked t = scene.step(i, [](int, Scene& s, DynamicMask&) { blur(s); });
+    EXPECT_EQ(t.result.inliers, 0);
+    EXPECT_FALSE(t.result.stands_on_points());
+    EXPECT_FALSE(t.result.is_keyframe);
+    if (!t.result.has_pose()) continue;
+    EXPECT_EQ(t.result.state, TrackState::Weak);
+    EXPECT_EQ(bridged, i - 30) << "once lost it is not taken up again";
+    EXPECT_GT(t.result.covariance[0], all.back().result.covariance[0]) << "each step adds its error";
+    ++bridged;
+    all.push_back(t);
+  }
+  EXPECT_EQ(bridged, 6) << "at 30 Hz";
+  EXPECT_EQ(scene.tracker.point_usage().high_water, points);
+  EXPECT_EQ(scene.tracker.keyframe_usage().high_water, keyframes);
+  EXPECT_LT(test::drift_rmse_m(all), 0.01);
+  for (const Tracked& t : scene.run(45, 50)) all.push_back(t);
+  EXPECT_TRUE(all.back().result.stands_on_points());
+  EXPECT_LT(test::drift_rmse_m(all), 0.01);
 }
 
 /// It comes back where it has been, far from the newest keyframe: the others are tried in turn.
