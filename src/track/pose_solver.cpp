@@ -108,11 +108,12 @@ PoseEstimate solve_pose(std::span<PoseObservation> observations, const CameraMod
       if (!is_finite(T)) return estimate;
       if (step.squaredNorm() < 1e-14) break;
     }
-    estimate.inliers = 0;
+    estimate.inliers = estimate.observed = 0;
     double squared_px = 0;
     for (PoseObservation& o : observations) {
       const Residual r = residual_of(o, camera, T);
       o.inlier = r.valid && r.chi2() <= limit_of(o);
+      estimate.observed += o.weight > 0;
       if (!o.inlier || o.weight <= 0) continue;
       ++estimate.inliers;
       squared_px += (r.u * r.u + r.v * r.v) * o.sigma_px * o.sigma_px;

@@ -28,7 +28,8 @@ struct PosePrior {
 
 struct PoseEstimate {
   Pose T_camera_world;
-  int inliers = 0;
+  int observed = 0;   ///< observations of weight
+  int inliers = 0;    ///< of them
   double rms_px = 0;  ///< reprojection error of the inliers
   /// Of the left perturbation (rotation in rad, translation in m) in the camera frame, row-major.
   std::array<double, 36> covariance{};

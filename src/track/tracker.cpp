@@ -272,9 +272,8 @@ void Tracker::judge() {
   const PoseEstimate& estimate = localizer_.estimate();
   result_.inliers = estimate.inliers;
   result_.rms_px = estimate.rms_px;
-  result_.covariance =
-      honest_covariance(estimate.covariance, motion_.speed_to(result_.stamp_ns, result_.T_odom_camera),
-                        config_.camera.stamp_sigma_s);
+  result_.covariance = honest_covariance(estimate, motion_.speed_to(result_.stamp_ns, result_.T_odom_camera),
+                                         config_.camera.stamp_sigma_s);
   result_.state = estimate.inliers >= config_.track.weak_inliers ? TrackState::Tracking : TrackState::Weak;
 }
 

@@ -6,11 +6,13 @@
 namespace stillmap {
 namespace {
 
-std::array<double, 36> solved() {
-  std::array<double, 36> c{};
-  for (std::size_t i = 0; i < 6; ++i) c[7 * i] = 1e-6;
-  c[1] = c[6] = 4e-7;
-  return c;
+PoseEstimate solved(int observed = 100, int inliers = 100) {
+  PoseEstimate e;
+  e.observed = observed;
+  e.inliers = inliers;
+  for (std::size_t i = 0; i < 6; ++i) e.covariance[7 * i] = 1e-6;
+  e.covariance[1] = e.covariance[6] = 4e-7;
+  return e;
 }
 
 TEST(HonestCovariance, NeverSaysLessThanTheSolver) {
@@ -30,6 +32,19 @@ TEST(HonestCovariance, GrowsWithSpeedTimesTheStampsError) {
   EXPECT_EQ(going[0], still[0]);
   EXPECT_EQ(honest_covariance(solved(), {1.5, 2}, 0)[0], still[0])
       << "a global shutter on the camera's clock";
+}
+
+TEST(HonestCovariance, DoubtsWhatTheMostSpeakAgainst) {
+  const auto all = honest_covariance(solved(), {}, 0), half = honest_covariance(solved(100, 50), {}, 0),
+             third = honest_covariance(solved(100, 33), {}, 0),
+             tenth = honest_covariance(solved(100, 10), {}, 0);
+  EXPECT_EQ(half, all);
+  for (std::size_t i = 0; i < 36; i += 7) {
+    EXPECT_GT(third[i], half[i]);
+    EXPECT_GT(tenth[i], 4 * third[i]);
+  }
+  EXPECT_GT(tenth[0], 0.1 * 0.1) << "a mover may have been followed";
+  EXPECT_EQ(honest_covariance(solved(0, 0), {}, 0), all) << "a first pose, by definition";
 }
 
 TEST(SpeedBetween, IsPerSecond) {

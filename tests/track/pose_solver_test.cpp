@@ -197,6 +197,7 @@ TEST(PoseSolver, AWrongDepthMakesAnOutlier) {
   ASSERT_TRUE(e.converged);
   EXPECT_FALSE(all[1].inlier);
   EXPECT_EQ(e.inliers, 59);
+  EXPECT_EQ(e.observed, 60);
   EXPECT_LT(norm(e.T_camera_world.t - kTruth.t), 1e-6);
 }
 
@@ -207,6 +208,7 @@ TEST(PoseSolver, WeightZeroIsOnlyTested) {
   const PoseEstimate e = solve_pose(all, kCamera, disturbed(0.02, 0.02));
   ASSERT_TRUE(e.converged);
   EXPECT_EQ(e.inliers, 30) << "they do not count";
+  EXPECT_EQ(e.observed, 30);
   EXPECT_LT(norm(e.T_camera_world.t - kTruth.t), 1e-9) << "they do not pull";
   for (std::size_t i = 0; i < 10; ++i) EXPECT_EQ(all[i].inlier, i >= 5) << i;
 }
