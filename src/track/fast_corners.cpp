@@ -89,7 +89,8 @@ using Words = std::array<std::uint64_t, kLanes / 8>;
   return any(four);
 }
 
-/// Above 0 where two neighbours of the circle's four outermost points differ: a row of nine covers two of them.
+/// Above 0 where two neighbours of the circle's four outermost points differ: a row of nine covers two of
+/// them.
 [[gnu::always_inline]] inline U8 quarter_turn(const std::array<U8, 8>& difference) {
   return smaller(difference[0] | difference[4], difference[2] | difference[6]);
 }

@@ -40,6 +40,7 @@ Localizer::Localizer(Arena& arena, const Config& config, LocalMap& map, const Fr
       matcher_(arena, config.track, config.camera),
       relocalizer_(arena, config.track, config.camera),
       matches_(arena.take<FeatureMatch>("matches", Keyframe::kMaxFeatures)),
+      best_{{}, 0, arena.take<FeatureMatch>("matches.best", Keyframe::kMaxFeatures)},
       observations_(arena.take<PoseObservation>("pose_observations", Keyframe::kMaxFeatures)),
       observed_feature_(arena.take<std::uint16_t>("pose_observations.feature", Keyframe::kMaxFeatures)) {}
 
@@ -66,14 +67,11 @@ bool Localizer::search(const PoseGuess& guess) {
   if (found && estimate_.inliers >= std::min(kPoor, guess.inliers_before / 3)) return true;
   // A few wrong matches around a wrong prediction agree now and then. What is poor gives way to what is sure,
   // and else to what most speaks for.
-  int most = found ? estimate_.inliers : 0;
-  Pose best = found ? T_odom_camera_ : guess.T_odom_camera;
+  best_.estimate = {};
+  if (found) keep_best();
   const auto inliers_from = [&](const SearchWindow& window, const Pose& from) {
     if (!project_and_solve(window, from)) return 0;
-    if (estimate_.inliers > most) {
-      most = estimate_.inliers;
-      best = T_odom_camera_;
-    }
+    if (estimate_.inliers > best_.estimate.inliers) keep_best();
     return estimate_.inliers;
   };
   if (guess.aligned && !same(*guess.aligned, guess.T_odom_camera)) {
@@ -93,7 +91,19 @@ bool Localizer::search(const PoseGuess& guess) {
     if (by_newest && inliers_from(kAroundPrediction, inverse(by_newest->T_camera_odom)) >= kSurely)
       return true;
   }
-  return most > 0 && around(best);
+  if (best_.estimate.inliers == 0) return false;
+  estimate_ = best_.estimate;
+  matched_ = best_.matched;
+  std::ranges::copy(best_.matches.first(matches().size()), matches().begin());
+  T_odom_camera_ = inverse(estimate_.T_camera_world);
+  matcher_.project(map_, estimate_.T_camera_world);
+  return true;
+}
+
+void Localizer::keep_best() {
+  best_.estimate = estimate_;
+  best_.matched = matched_;
+  std::ranges::copy(matches(), best_.matches.begin());
 }
 
 std::optional<FoundPose> Localizer::find_by(const Keyframe& keyframe) {

@@ -61,6 +61,7 @@ class Localizer {
 
  private:
   bool search(const PoseGuess& guess);
+  void keep_best();
   bool match_and_solve(const SearchWindow& window, const Pose& T_odom_camera);
   bool project_and_solve(const SearchWindow& window, const Pose& T_odom_camera) {
     matcher_.project(map_, inverse(T_odom_camera));
@@ -76,6 +77,11 @@ class Localizer {
   ProjectionMatcher matcher_;
   Relocalizer relocalizer_;
   std::span<FeatureMatch> matches_;
+  struct {
+    PoseEstimate estimate;
+    int matched = 0;
+    std::span<FeatureMatch> matches;
+  } best_;  // of this frame's searches
   ArenaVector<PoseObservation> observations_;
   std::span<std::uint16_t> observed_feature_;  // which feature observation i belongs to
 

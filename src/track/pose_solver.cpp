@@ -106,7 +106,7 @@ PoseEstimate solve_pose(std::span<PoseObservation> observations, const CameraMod
       const Vector6 step = ldlt.solve(equations.b);
       T = perturbed(T, {step[0], step[1], step[2], step[3], step[4], step[5]});
       if (!is_finite(T)) return estimate;
-      if (step.squaredNorm() < 1e-14) break;
+      if (step.squaredNorm() < 1e-10) break;
     }
     estimate.inliers = estimate.observed = 0;
     double squared_px = 0;

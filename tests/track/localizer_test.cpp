@@ -75,6 +75,19 @@ TEST_F(LocalizerTest, LooksNoFurtherThanTwoGuessesThatLeadToOnePlace) {
   EXPECT_GT(localizer.searches(), 2) << "the other guess leads nowhere";
 }
 
+TEST_F(LocalizerTest, KeepsTheBestOfItsSearches) {
+  see_points(40);
+  begin();
+  ASSERT_TRUE(localizer.follow({turned_by(0.3), turned_by(0.01), false, 300}));
+  EXPECT_EQ(localizer.searches(), 3) << "a wider one, around a guess that leads nowhere, was the last";
+  EXPECT_TRUE(found_truth());
+  EXPECT_EQ(localizer.estimate().inliers, 40);
+  EXPECT_EQ(localizer.matched(), 40);
+  for (const FeatureMatch& m : localizer.matches()) EXPECT_GE(m.slot, 0);
+  ASSERT_TRUE(localizer.refine()) << "the points in view are those of the best";
+  EXPECT_EQ(localizer.estimate().inliers, 40);
+}
+
 TEST_F(LocalizerTest, FewFeaturesCorrectThePriorInsteadOfReplacingIt) {
   const int few = config.track.min_inliers / 2 + 2;
   see_points(few);
