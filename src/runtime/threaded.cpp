@@ -115,14 +115,17 @@ void map_thread(RunContext& context, Lanes& lanes) {
     const std::uint32_t ticket = lanes.map_waker.ticket();
     bool idle = true;
     context.stages.map.set_fuse_factor(quality_now(context).fuse_factor);
-    while (auto item = lanes.to_map.try_pop()) {
+    // One at a time: where the tracker is faster there is always another, and the rest of this loop has its
+    // turn, too.
+    if (auto item = lanes.to_map.try_pop()) {
       lanes.track_waker.wake();
       idle = false;
-      end |= item->end;
-      if (item->end) continue;
-      const AtWork working(context, Stage::Map);
-      newest = item->posed.sequence;
-      context.stages.map.take_frame(std::move(item->posed));
+      end = item->end;
+      if (!end) {
+        const AtWork working(context, Stage::Map);
+        newest = item->posed.sequence;
+        context.stages.map.take_frame(std::move(item->posed));
+      }
     }
     if (!held) held = lanes.boxes_to_map.try_pop();
     if (held && (held->frame->sequence <= newest || end)) {

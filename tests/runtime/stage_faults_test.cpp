@@ -127,6 +127,40 @@ TEST(StageFaults, ADetectorWhoseLibraryThrowsIsDoneWithoutUntilItRunsAgain) {
   pipeline.expect_accounted();
 }
 
+TEST(StageFaults, AMapSlowerThanTheTrackerIsAskedForLessAndItsGrowthIsSeen) {
+  std::vector<Grab> grabs = wall_frames(100'000);
+  for (Grab& g : grabs) g.picture = g.picture % 400 < 200 ? g.picture % 400 : 399 - g.picture % 400;
+  PatientCamera camera(grabs);
+  Pipeline pipeline(camera.driver);
+  camera.pipeline = &pipeline;
+  RunContext& context = *pipeline.context;
+  const RunCounters& c = context.counters;
+  // Two more frames are tracked before it begins with one, so its ring is never empty.
+  std::atomic<bool> slow{true};
+  std::atomic<std::uint64_t> begun{0}, fused{0};
+  context.on_work = [&](Stage stage) {
+    if (stage != Stage::Map) return;
+    fused = context.stages.map.map().fused_frames();
+    ++begun;
+    const std::uint64_t before = c.processed.load();
+    wait_until([&] { return !slow || c.processed.load() >= before + 2; });
+  };
+  Running running(pipeline);
+  wait_until([&] { return context.quality.load() == static_cast<int>(kSheddingPlan.size()) - 1; });
+  EXPECT_GT(c.blocks.high_water.load(), 0u);
+  const auto after = [&](std::uint64_t frames) {
+    const std::uint64_t until = begun.load() + frames;
+    wait_until([&] { return begun.load() >= until; });
+    return fused.load();
+  };
+  const std::uint64_t at_first = after(5), at_last = after(40);
+  // With fuse_every 2 and a quarter of the fusion, and a frame of two.
+  EXPECT_LE(at_last - at_first, 40u * 2 / 8 + 5);
+  slow = false;
+  running.stop_s();
+  pipeline.expect_accounted();
+}
+
 /// A disk that stalls: the recorder opens a picture's file, which is a pipe that nobody reads yet.
 class StalledDisk {
  public:
