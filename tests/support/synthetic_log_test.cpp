@@ -11,6 +11,7 @@
 #include <sstream>
 
 #include "core/config.h"
+#include "tests/support/synthetic_log/ray_caster.h"
 
 namespace stillmap::synthetic {
 namespace {
@@ -120,6 +121,29 @@ TEST_P(EveryPath, PeopleWalkThrough) {
   EXPECT_LT(most, 0.6);
   EXPECT_GT(pixels_of[1], 5000);
   EXPECT_GT(pixels_of[2], 5000);
+}
+
+/// No plane that a ray runs along is where it ends.
+TEST(RayCaster, ALevelRayEndsAtTheWall) {
+  CameraModel camera;
+  camera.width = 64, camera.height = 48;
+  camera.fx = camera.fy = 50;
+  camera.cx = 32, camera.cy = 24;
+  RoomShell room;
+  room.half_x = 3, room.half_y = 2, room.height = 2.5;
+  const std::vector<Texture> none;
+  RayCaster caster(camera, room, none);
+  std::vector<float> depth_m(64 * 48);
+  std::vector<std::uint8_t> figure(64 * 48);
+  for (const double forward : {1.0, -1.0}) {
+    Pose T_world_camera;
+    T_world_camera.R.m = {0, 0, forward, -forward, 0, 0, 0, -1, 0};
+    T_world_camera.t = {0, 0, 1};
+    caster.look(T_world_camera, {}, 0, 0);
+    caster.cast(depth_m, figure);
+    EXPECT_EQ(depth_m[24 * 64 + 32], 3);
+    for (const float z : depth_m) ASSERT_TRUE(z > 0 && z <= 3) << z;
+  }
 }
 
 TEST(SyntheticLog, ShippedProfilesFitIt) {

@@ -151,9 +151,10 @@ RayCaster::Hit RayCaster::trace(std::span<const std::uint16_t> candidates, float
   const F3 d{x * right_.x + y * down_.x + forward_.x, x * right_.y + y * down_.y + forward_.y,
              x * right_.z + y * down_.z + forward_.z};
   const auto half_x = static_cast<float>(room_.half_x), half_y = static_cast<float>(room_.half_y);
-  hit.t = std::min(std::min(((d.x > 0 ? half_x : -half_x) - position_.x) / d.x,
-                            ((d.y > 0 ? half_y : -half_y) - position_.y) / d.y),
-                   ((d.z > 0 ? static_cast<float>(room_.height) : 0.0f) - position_.z) / d.z);
+  // By the sign, which a zero has, too: along a plane the way to it is +infinity.
+  hit.t = std::min(std::min(((std::signbit(d.x) ? -half_x : half_x) - position_.x) / d.x,
+                            ((std::signbit(d.y) ? -half_y : half_y) - position_.y) / d.y),
+                   ((std::signbit(d.z) ? 0.0f : static_cast<float>(room_.height)) - position_.z) / d.z);
   return hit;
 }
 
