@@ -161,13 +161,19 @@ class HostileWorld(RunningTest):
         self.assertEqual(facts["frames"]["offered"], facts["frames"]["processed"] + sum(facts["frames"]["dropped"].values()))
         self.assertTrue((self.path / "m.ply").exists())
 
+    def run_within(self, megabytes, *args):
+        def limit():
+            resource.setrlimit(resource.RLIMIT_AS, (megabytes << 20, megabytes << 20))
+        return subprocess.run([PROGRAM, *args], capture_output=True, text=True, timeout=300, preexec_fn=limit)
+
+    def test_too_little_memory_is_a_clear_refusal(self):
+        self.assert_error(self.run_within(57, *run_args("--mode", "lockstep")), RUN_FAILED, "out of memory", "stillmap plan")
+
     def test_at_any_limit_it_runs_or_is_refused_in_one_line(self):
         """From where the libraries just load to where it runs, and the last steps to there in more detail."""
         def runs(megabytes):
-            def limit():
-                resource.setrlimit(resource.RLIMIT_AS, (megabytes << 20, megabytes << 20))
             args = run_args("--mode", "realtime", "--duration", "0.05", detector=DETECTOR, listen=["--listen", "127.0.0.1:0"])
-            result = subprocess.run([PROGRAM, *args], capture_output=True, text=True, timeout=300, preexec_fn=limit)
+            result = self.run_within(megabytes, *args)
             linked = result.returncode != 127  # the dynamic linker's word
             if linked and result.returncode != DONE:
                 with self.subTest(megabytes=megabytes):
