@@ -12,6 +12,9 @@ void* operator new(std::size_t bytes) {
   if (void* p = is_short ? nullptr : std::malloc(bytes)) return p;
   throw std::bad_alloc();
 }
+void* operator new(std::size_t bytes, const std::nothrow_t&) noexcept {
+  return is_short ? nullptr : std::malloc(bytes);
+}
 void operator delete(void* p) noexcept {
   std::free(p);
 }
