@@ -99,8 +99,8 @@ TEST(TrackerWorld, ACoveredLensIsLostAndThenFoundAgain) {
   EXPECT_LT(test::drift_rmse_m(all), 0.01) << "in the same odom frame as before";
 }
 
-/// Blurred until no corner is left, as by a jerk: the picture as a whole tells of the motion, for a fifth of
-/// a second.
+/// Blurred until no corner looks as before, as by a jerk: the picture as a whole tells of the motion, for a
+/// fifth of a second.
 TEST(TrackerWorld, AMomentWithoutPointsIsBridgedByThePictureAsAWhole) {
   TrackerScene scene({.seed = 2, .people = 0});
   const std::vector<Tracked> before = scene.run(0, 30);
