@@ -16,7 +16,7 @@ from pathlib import Path
 
 from stillmap_runs import ROOT, RunFailed, run_stillmap
 
-PARTS = ("", "carried_boxes", "motion_check", "point_trust", "alignment", "adjustment", "loops")
+PARTS = ("", "carried_boxes", "motion_check", "point_trust", "alignment", "sampling", "adjustment", "loops")
 TIMINGS = {"": [], " late": ["--detector-delay", "5", "--detector-every", "3"]}
 
 

@@ -17,8 +17,8 @@
 namespace stillmap {
 
 /// Parts of tracking that can be left out, to measure what each is worth.
-inline constexpr std::array<std::string_view, 6> kTrackParts{"carried_boxes", "motion_check", "point_trust",
-                                                             "alignment",     "adjustment",   "loops"};
+inline constexpr std::array<std::string_view, 7> kTrackParts{
+    "carried_boxes", "motion_check", "point_trust", "alignment", "sampling", "adjustment", "loops"};
 
 /// Every setting of the runtime, in one struct with defaults. The names, units, ranges and help of the keys
 /// stand in one place, `describe()` in config_keys.cpp. Written once at start, read-only after it.

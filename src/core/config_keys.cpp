@@ -113,7 +113,7 @@ std::vector<Key> describe(Config& c) {
       {"classes.static", &c.classes.pure_static, "", "classes that stay"},
       {"track.without", &c.track.without, "",
        "parts left out, to measure what they are worth: carried_boxes, motion_check, point_trust, alignment, "
-       "adjustment, loops"},
+       "sampling, adjustment, loops"},
       {"track.dynamic_rule", &c.track.dynamic_rule, "", "\"silhouette\", \"paper\" or \"off\""},
       {"track.features", &c.track.features, "", "corners per frame; a map begins with 100 that have depth",
        200, 1200},

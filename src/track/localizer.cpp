@@ -33,6 +33,7 @@ Localizer::Localizer(Arena& arena, const Config& config, LocalMap& map, const Fr
                      const FeatureGrid& grid, const FeatureExtractor& extractor)
     : config_(config),
       weighs_trust_(config.track.dynamic_rule == DynamicRule::Silhouette && config.track.has("point_trust")),
+      samples_(config.track.has("sampling")),
       map_(map),
       frame_(frame),
       grid_(grid),
@@ -44,7 +45,9 @@ Localizer::Localizer(Arena& arena, const Config& config, LocalMap& map, const Fr
       observations_(arena.take<PoseObservation>("pose_observations", Keyframe::kMaxFeatures)),
       observed_feature_(arena.take<std::uint16_t>("pose_observations.feature", Keyframe::kMaxFeatures)) {}
 
-void Localizer::begin(std::uint64_t sequence, Nanoseconds stamp_ns, const std::optional<PosePrior>& prior) {
+void Localizer::begin(std::uint64_t sequence, Nanoseconds stamp_ns, const std::optional<PosePrior>& prior,
+                      bool movers_known) {
+  movers_known_ = movers_known;
   sequence_ = sequence;
   stamp_ns_ = stamp_ns;
   prior_ = prior;
@@ -144,7 +147,10 @@ bool Localizer::match_and_solve(const SearchWindow& window, const Pose& T_odom_c
   }
   const bool starved = readmit_if_starved(observations_, observed_feature_, frame_.features);
   const PosePrior* prior = prior_ && (starved || lost_by_looking_) ? &*prior_ : nullptr;
-  estimate_ = solve_pose(observations_, config_.camera, inverse(T_odom_camera), prior);
+  estimate_ = samples_ && movers_known_
+                  ? solve_pose_among_outliers(observations_, config_.camera, inverse(T_odom_camera), prior,
+                                              Random::of(config_.runtime.seed, sequence_))
+                  : solve_pose(observations_, config_.camera, inverse(T_odom_camera), prior);
   for (std::size_t k = 0; k < observations_.size(); ++k) {
     if (!observations_[k].inlier) matches_[observed_feature_[k]].slot = -1;
   }

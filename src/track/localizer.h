@@ -36,8 +36,11 @@ class Localizer {
             const FeatureGrid& grid, const FeatureExtractor& extractor);
   Localizer(const Localizer&) = delete;
 
-  /// A new frame. What `prior` says of the pose counts where its features tell too little.
-  void begin(std::uint64_t sequence, Nanoseconds stamp_ns, const std::optional<PosePrior>& prior);
+  /// A new frame. What `prior` says of the pose counts where its features tell too little. `movers_known`: a
+  /// network has said what moves in it, so that of what is left, most is the still world; else most may be
+  /// people.
+  void begin(std::uint64_t sequence, Nanoseconds stamp_ns, const std::optional<PosePrior>& prior,
+             bool movers_known);
   /// From the frame before: around the guess, and ever wider where that finds little.
   bool follow(const PoseGuess& guess);
   /// Where one keyframe says that the camera is: to be confirmed by `around`.
@@ -69,7 +72,7 @@ class Localizer {
   }
 
   const Config config_;
-  const bool weighs_trust_;
+  const bool weighs_trust_, samples_;
   LocalMap& map_;
   const FrameFeatures& frame_;
   const FeatureGrid& grid_;
@@ -88,6 +91,7 @@ class Localizer {
   std::uint64_t sequence_ = 0;
   Nanoseconds stamp_ns_ = 0;
   std::optional<PosePrior> prior_;
+  bool movers_known_ = false;
   bool lost_by_looking_ = false;  // this frame's features alone give no pose
   bool relocalizer_has_frame_ = false;
   Pose T_odom_camera_;

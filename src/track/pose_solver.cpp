@@ -4,8 +4,12 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <cmath>
+#include <optional>
 
+#include "core/fixed_vector.h"
 #include "track/least_squares.h"
+#include "track/local_map.h"
+#include "track/rigid_consensus.h"
 
 namespace stillmap {
 
@@ -16,6 +20,12 @@ using Matrix6 = Eigen::Matrix<double, 6, 6>;
 using Row6 = Eigen::Matrix<double, 1, 6>;
 
 constexpr int kRounds = 4, kIterationsPerRound = 5, kFewestObservations = 6, kFewestWithPrior = 3;
+constexpr double kMajority = 0.5;     // of what is observed, that makes a pose sure
+constexpr double kLeastShare = 0.15;  // and that a sampled one must have: fewer agree with any
+constexpr int kSamples = 300;
+constexpr std::size_t kFewestPairs = 12;
+constexpr double kLoose = 9;      // times chi-square's limit: what three points' noise does to a pose
+constexpr double kClearly = 1.2;  // times the weight that agrees, for a sampled pose to be looked into
 
 /// Whitened residuals of one observation and the point in the camera frame they come from.
 struct Residual {
@@ -80,6 +90,38 @@ struct NormalEquations {
   }
 };
 
+bool agrees(const PoseObservation& o, const CameraModel& camera, const Pose& T_camera_world,
+            double looseness) {
+  const Residual r = residual_of(o, camera, T_camera_world);
+  return r.valid && r.chi2() <= looseness * limit_of(o);
+}
+
+/// The pose that more of the weight agrees with than with `estimate`, loosely.
+std::optional<Pose> sample_pose(std::span<const PoseObservation> observations, const CameraModel& camera,
+                                const PoseEstimate& estimate, Random random) {
+  FixedVector<std::uint16_t, Keyframe::kMaxFeatures> usable;
+  double total = 0;
+  for (std::size_t i = 0; i < observations.size(); ++i) {
+    total += observations[i].weight;
+    if (observations[i].weight > 0 && observations[i].depth_m > 0)
+      static_cast<void>(usable.try_push_back(static_cast<std::uint16_t>(i)));
+  }
+  if (usable.size() < kFewestPairs) return std::nullopt;
+  const auto pair_at = [&](std::size_t i) {
+    const PoseObservation& o = observations[usable[i]];
+    return PointPair{o.p_world, o.depth_m * Vec3{o.ray_x, o.ray_y, 1}, 3 * o.sigma_depth_m + 0.005};
+  };
+  const auto share_of = [&](const Pose& T_camera_world) {
+    double sum = 0;
+    for (const PoseObservation& o : observations) {
+      if (o.weight > 0 && agrees(o, camera, T_camera_world, kLoose)) sum += o.weight;
+    }
+    return sum / total;
+  };
+  const double to_beat = estimate.converged ? kClearly * share_of(estimate.T_camera_world) : 0;
+  return rigid_consensus(usable.size(), kSamples, to_beat, random, pair_at, share_of);
+}
+
 }  // namespace
 
 PoseEstimate solve_pose(std::span<PoseObservation> observations, const CameraModel& camera,
@@ -126,6 +168,22 @@ PoseEstimate solve_pose(std::span<PoseObservation> observations, const CameraMod
   const Matrix6 covariance = equations.H.ldlt().solve(Matrix6::Identity());
   Eigen::Map<Eigen::Matrix<double, 6, 6, Eigen::RowMajor>>(estimate.covariance.data()) = covariance;
   return estimate;
+}
+
+PoseEstimate solve_pose_among_outliers(std::span<PoseObservation> observations, const CameraModel& camera,
+                                       const Pose& T_camera_world_initial, const PosePrior* prior,
+                                       Random random) {
+  const PoseEstimate descended = solve_pose(observations, camera, T_camera_world_initial, prior);
+  if (descended.inliers >= kMajority * descended.observed) return descended;
+  const std::optional<Pose> sampled = sample_pose(observations, camera, descended, random);
+  if (!sampled) return descended;
+  for (PoseObservation& o : observations) o.inlier = agrees(o, camera, *sampled, kLoose);
+  const PoseEstimate estimate = solve_pose(observations, camera, *sampled, prior);
+  if (estimate.converged && estimate.inliers >= kLeastShare * estimate.observed &&
+      (!descended.converged || estimate.inliers > descended.inliers))
+    return estimate;
+  for (PoseObservation& o : observations) o.inlier = agrees(o, camera, descended.T_camera_world, 1);
+  return descended;
 }
 
 }  // namespace stillmap

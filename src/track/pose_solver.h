@@ -6,6 +6,7 @@
 
 #include "core/camera.h"
 #include "core/geometry.h"
+#include "core/random.h"
 
 namespace stillmap {
 
@@ -43,5 +44,12 @@ struct PoseEstimate {
 /// thread.
 PoseEstimate solve_pose(std::span<PoseObservation> observations, const CameraModel& camera,
                         const Pose& T_camera_world_initial, const PosePrior* prior = nullptr);
+
+/// What `solve_pose` gives; where most observations do not fit that, perhaps what samples of three find
+/// (`rigid_consensus`), if more fit it. Descent from a pose too far off ends where a few agree by chance. No
+/// heap; any thread.
+PoseEstimate solve_pose_among_outliers(std::span<PoseObservation> observations, const CameraModel& camera,
+                                       const Pose& T_camera_world_initial, const PosePrior* prior,
+                                       Random random);
 
 }  // namespace stillmap

@@ -117,7 +117,7 @@ const TrackingResult& Tracker::track(const FrameSlot& slot, const DynamicMask& m
 
   if (result_.state == TrackState::Initializing) {
     start_map(slot);
-  } else if (localize(slot, predicted)) {
+  } else if (localize(slot, predicted, mask)) {
     if (turn_rad_per_s)
       readout_.observe(frame_.features, matches(), slot.colour_ns, result_.T_odom_camera, *turn_rad_per_s);
     judge();
@@ -195,11 +195,11 @@ void Tracker::align(const FrameSlot& slot, const Pose& T_odom_camera_predicted) 
     aligned_ = motion_.last() * inverse(alignment_.align(motion_.step(slot.colour_ns)));
 }
 
-bool Tracker::localize(const FrameSlot& slot, const Pose& T_odom_camera_predicted) {
+bool Tracker::localize(const FrameSlot& slot, const Pose& T_odom_camera_predicted, const DynamicMask& mask) {
   const bool was_lost = result_.state == TrackState::Lost;
   const bool long_step = motion_.seconds_since_pose(slot.colour_ns) > kLong_s;
   const std::optional<PosePrior> prior = motion_.prior(slot.colour_ns);
-  localizer_.begin(slot.sequence, slot.colour_ns, prior);
+  localizer_.begin(slot.sequence, slot.colour_ns, prior, !mask.boxes.items.empty());
   const PoseGuess guess{T_odom_camera_predicted, aligns_ ? std::optional(aligned_) : std::nullopt, long_step,
                         inliers_before_};
   bool found = (!was_lost || prior) && localizer_.follow(guess);

@@ -79,7 +79,7 @@ class Tracker {
   void start_map(const FrameSlot& slot);
   void start_segment(const FrameSlot& slot);
   void align(const FrameSlot& slot, const Pose& T_odom_camera_predicted);
-  bool localize(const FrameSlot& slot, const Pose& T_odom_camera_predicted);
+  bool localize(const FrameSlot& slot, const Pose& T_odom_camera_predicted, const DynamicMask& mask);
   bool relocalize();
   void stand_on(const Keyframe& keyframe);
   bool found_by(Keyframe& keyframe);

@@ -8,7 +8,7 @@
 #include <cmath>
 #include <utility>
 
-#include "track/absolute_orientation.h"
+#include "track/rigid_consensus.h"
 
 namespace stillmap {
 
@@ -20,10 +20,9 @@ constexpr int kMaxDistance = 64;
 constexpr double kRatio = 0.9;
 constexpr int kRivalDistance = 72;  // no nearest one is refused for a second nearest beyond that
 constexpr float kSameSize = 2.5F;
-constexpr int kSamples = 400, kFewestSamples = 20;
+constexpr int kSamples = 400;
 constexpr int kFewestPairs = 8;
-constexpr double kShortest_m = 0.1;  // between two points of a sample
-constexpr double kAgree_px = 5;      // at octave 0
+constexpr double kAgree_px = 5;  // at octave 0
 constexpr double kFirstRadius_px = 12, kLastRadius_px = 6;
 constexpr double kCornerSigma_px = 1.2;
 constexpr double kSameSpot_px = 12, kSameSpotSlope = 0.03;  // how far depth may differ within that, of itself
@@ -127,39 +126,18 @@ bool ViewMatcher::agrees(const Pair& pair, const Pose& T_a_b) const {
   return du * du + dv * dv < limit * limit && std::abs(p.z - pair.p_a.z) < 3 * depth_sigma_m(p.z);
 }
 
-std::optional<Pose> ViewMatcher::sample_motion(Random& random, int& agreeing) const {
-  std::optional<Pose> best;
-  agreeing = 0;
+int ViewMatcher::count_agreeing(const Pose& T_a_b) const {
+  return static_cast<int>(
+      std::count_if(pairs_.begin(), pairs_.end(), [&](const Pair& p) { return agrees(p, T_a_b); }));
+}
+
+std::optional<Pose> ViewMatcher::sample_motion(Random& random) const {
+  const auto pair_at = [&](std::size_t i) {
+    return PointPair{pairs_[i].p_b, pairs_[i].p_a, depth_sigma_m(pairs_[i].p_a.z)};
+  };
   const auto pairs = static_cast<double>(pairs_.size());
-  double enough = kSamples;
-  for (int round = 0; round < enough; ++round) {
-    std::array<Vec3, 3> from, to;
-    for (std::size_t i = 0; i < 3; ++i) {
-      const Pair& pair = pairs_[random.below(static_cast<std::uint32_t>(pairs_.size()))];
-      from[i] = pair.p_b;
-      to[i] = pair.p_a;
-    }
-    // A rigid motion keeps lengths: most wrong samples end here.
-    bool rigid = true;
-    for (std::size_t i = 0; i < 3 && rigid; ++i) {
-      const std::size_t j = (i + 1) % 3;
-      const double before = norm(from[i] - from[j]), after = norm(to[i] - to[j]);
-      rigid =
-          before > kShortest_m && std::abs(before - after) < depth_sigma_m(to[i].z) + depth_sigma_m(to[j].z);
-    }
-    if (!rigid) continue;
-    const std::optional<Pose> T = absolute_orientation(from, to);
-    if (!T) continue;
-    const auto count = static_cast<int>(
-        std::count_if(pairs_.begin(), pairs_.end(), [&](const Pair& p) { return agrees(p, *T); }));
-    if (count > agreeing) {
-      agreeing = count;
-      best = T;
-      // So many samples that one in a hundred searches has none of three right pairs.
-      enough = std::min<double>(kSamples, kFewestSamples + 4.6 / std::pow(count / pairs, 3));
-    }
-  }
-  return best;
+  return rigid_consensus(pairs_.size(), kSamples, 0, random, pair_at,
+                         [&](const Pose& T_a_b) { return count_agreeing(T_a_b) / pairs; });
 }
 
 void ViewMatcher::observe_pairs(const Pose& T_a_b) {
@@ -287,8 +265,10 @@ std::optional<ViewMatch> ViewMatcher::match(const Keyframe& a, const Keyframe& b
   ViewMatch out;
   out.pairs = static_cast<int>(pairs_.size());
   if (out.pairs < kFewestPairs) return std::nullopt;
-  const std::optional<Pose> sampled = sample_motion(random, out.agreeing_pairs);
-  if (!sampled || out.agreeing_pairs < kFewestPairs) return std::nullopt;
+  const std::optional<Pose> sampled = sample_motion(random);
+  if (!sampled) return std::nullopt;
+  out.agreeing_pairs = count_agreeing(*sampled);
+  if (out.agreeing_pairs < kFewestPairs) return std::nullopt;
   observe_pairs(*sampled);
   sort_by_x(a);
   PoseEstimate estimate = solve_pose(observations_, camera_, *sampled);

@@ -56,7 +56,8 @@ class ViewMatcher {
   };
   void compare(const Keyframe& a, const Keyframe& b);
   void collect_pairs(const Keyframe& a, const Keyframe& b);
-  std::optional<Pose> sample_motion(Random& random, int& agreeing) const;
+  int count_agreeing(const Pose& T_a_b) const;
+  std::optional<Pose> sample_motion(Random& random) const;
   bool agrees(const Pair& pair, const Pose& T_a_b) const;
   void observe_pairs(const Pose& T_a_b);
   void sort_by_x(const Keyframe& keyframe);

@@ -44,7 +44,7 @@ class AblationTest(unittest.TestCase):
         rows = result.stdout.splitlines()[2:]
         self.assertEqual(rows[0], "| (nothing) | 2.0, 0.0, 8/12 | 2.0, 5.0, 8/12 |")
         self.assertEqual(rows[-1], "| loops | 20.0, 0.0, 8/12 | 20.0, 5.0, 8/12 |")
-        self.assertEqual(len(rows), 7)
+        self.assertEqual(len(rows), 8)
 
     def test_refusals(self):
         result = self.run_on(f"{self.path}=/no/such.toml")

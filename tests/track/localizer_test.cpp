@@ -22,7 +22,19 @@ class LocalizerTest : public testing::Test, protected test::PosedScene {
     }
     grid.build(frame);
   }
-  void begin(const std::optional<PosePrior>& prior = {}) { localizer.begin(1, 33'000'000, prior); }
+  /// Points that have moved since the map saw them, as if the camera were at `elsewhere`.
+  void see_moved_points(int count, const Pose& elsewhere) {
+    for (int i = 0; i < count; ++i) {
+      const Vec3 p = anywhere_in_view();
+      const Descriptor d = test::random_descriptor(random);
+      add_point(elsewhere * p, d, truth.t);
+      see(p, d);
+    }
+    grid.build(frame);
+  }
+  void begin(const std::optional<PosePrior>& prior = {}, bool movers_known = true) {
+    localizer.begin(1, 33'000'000, prior, movers_known);
+  }
   bool found_truth() {
     return norm(localizer.T_odom_camera().t - truth.t) < 1e-3 &&
            angle_between(localizer.T_odom_camera(), truth) < 1e-3;
@@ -97,6 +109,21 @@ TEST_F(LocalizerTest, FewFeaturesCorrectThePriorInsteadOfReplacingIt) {
   ASSERT_TRUE(localizer.follow({turned_by(0.005), {}, false, 300}));
   EXPECT_EQ(localizer.estimate().inliers, few);
   EXPECT_LT(angle_between(localizer.T_odom_camera(), truth), 0.001);
+}
+
+TEST_F(LocalizerTest, FindsTheStillPointsAmongMoreThatMovedWhereMoversAreKnown) {
+  // Those that agree with the guess are many enough to hold the descent, but the still ones are the most.
+  see_moved_points(60, turned_by(0.02));
+  see_moved_points(40, turned_by(0.04));
+  see_points(90);
+  begin();
+  ASSERT_TRUE(localizer.around(turned_by(0.02)));
+  ASSERT_TRUE(localizer.refine());
+  EXPECT_TRUE(found_truth());
+  EXPECT_EQ(localizer.estimate().inliers, 90);
+  begin({}, false);
+  localizer.around(turned_by(0.02));
+  EXPECT_FALSE(found_truth()) << "without a network, the most may be people";
 }
 
 TEST_F(LocalizerTest, OutliersAreNoMatches) {

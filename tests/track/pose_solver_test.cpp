@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <vector>
 
@@ -299,6 +300,84 @@ TEST(PoseSolver, AHopelessStartIsRefusedOrRightButNeverWrong) {
     if (!e.converged || e.inliers <= 30) continue;
     EXPECT_LT(norm(e.T_camera_world.t - kTruth.t), 0.01) << angle;
   }
+}
+
+/// Matches as a guided search around `guess` makes them, of which `wrong` are of anything that lies near.
+std::vector<PoseObservation> found_around(const Pose& guess, std::size_t wrong, std::uint64_t seed) {
+  std::vector<PoseObservation> all = observations_of(150, seed, {0.5, 0.5});
+  Random random(seed + 1);
+  for (std::size_t i = 0; i < wrong; ++i) {
+    PoseObservation& o = all[i];
+    const Vec3 p = guess * o.p_world;
+    o.ray_x = p.x / p.z + 16 * (2 * random.uniform() - 1) / kCamera.fx;
+    o.ray_y = p.y / p.z + 16 * (2 * random.uniform() - 1) / kCamera.fy;
+    if (o.depth_m > 0) o.depth_m = p.z * (1 + 0.1 * (2 * random.uniform() - 1));
+  }
+  return all;
+}
+
+TEST(PoseAmongOutliers, IsFoundWhereDescentEndsInAWrongOne) {
+  const Pose guess = disturbed(0.04, 0.03);
+  for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+    std::vector<PoseObservation> all = found_around(guess, 100, seed);
+    const PoseEstimate descended = solve_pose(all, kCamera, guess);
+    EXPECT_GT(norm(descended.T_camera_world.t - kTruth.t), 0.02) << seed;
+    all = found_around(guess, 100, seed);
+    const PoseEstimate e = solve_pose_among_outliers(all, kCamera, guess, nullptr, Random(seed));
+    ASSERT_TRUE(e.converged) << seed;
+    EXPECT_LT(norm(e.T_camera_world.t - kTruth.t), 0.01) << seed;
+    EXPECT_LT(angle_between(e.T_camera_world, kTruth), 0.005) << seed;
+    EXPECT_EQ(std::ranges::count_if(all, &PoseObservation::inlier), e.inliers) << seed;
+  }
+}
+
+TEST(PoseAmongOutliers, IsTheDescentsWhereMostAgree) {
+  const Pose guess = disturbed(0.01, 0.01);
+  std::vector<PoseObservation> all = found_around(guess, 40, 3), same = all;
+  const PoseEstimate descended = solve_pose(all, kCamera, guess);
+  const PoseEstimate e = solve_pose_among_outliers(same, kCamera, guess, nullptr, Random(1));
+  ASSERT_TRUE(descended.converged);
+  EXPECT_EQ(e.T_camera_world.R.m, descended.T_camera_world.R.m);
+  EXPECT_EQ(e.inliers, descended.inliers);
+}
+
+/// Where nothing is right, what a few agree with by chance is not taken for the camera's pose, and the marks
+/// of the observations are those of the answer.
+TEST(PoseAmongOutliers, IsNotMadeUp) {
+  const Pose guess = disturbed(0.04, 0.03), nowhere = disturbed(0.02, -0.05);
+  const PosePrior prior{guess, 0.1, 0.1};
+  int compared = 0;
+  for (std::uint64_t seed = 1; seed <= 50; ++seed) {
+    std::vector<PoseObservation> all = found_around(guess, 150, seed);
+    for (PoseObservation& o : observations_of(20, seed + 100)) {
+      o.p_world = inverse(nowhere) * (kTruth * o.p_world);
+      all.push_back(o);
+    }
+    std::vector<PoseObservation> same = all;
+    const PoseEstimate descended = solve_pose(all, kCamera, guess, &prior);
+    const PoseEstimate e = solve_pose_among_outliers(same, kCamera, guess, &prior, Random(seed));
+    EXPECT_EQ(e.T_camera_world.R.m, descended.T_camera_world.R.m) << seed;
+    EXPECT_EQ(e.converged, descended.converged) << seed;
+    compared += e.converged;
+    for (std::size_t i = 0; e.converged && i < all.size(); ++i)
+      EXPECT_EQ(same[i].inlier, all[i].inlier) << seed << ", " << i;
+  }
+  EXPECT_GE(compared, 5);
+}
+
+TEST(PoseAmongOutliers, IsWhereTheWeightIsNotTheNumber) {
+  // A mover's points agree with each other, too, and are more, but nothing trusts them.
+  const Pose guess = disturbed(0.04, 0.03), mover = disturbed(0.03, -0.05);
+  std::vector<PoseObservation> all = found_around(guess, 60, 5);
+  std::vector<PoseObservation> moving = observations_of(200, 6);
+  for (PoseObservation& o : moving) {
+    o.p_world = inverse(mover) * (kTruth * o.p_world);
+    o.weight = 0.1;
+  }
+  all.insert(all.end(), moving.begin(), moving.end());
+  const PoseEstimate e = solve_pose_among_outliers(all, kCamera, guess, nullptr, Random(1));
+  ASSERT_TRUE(e.converged);
+  EXPECT_LT(norm(e.T_camera_world.t - kTruth.t), 0.01);
 }
 
 }  // namespace
