@@ -20,12 +20,13 @@ using Matrix6 = Eigen::Matrix<double, 6, 6>;
 using Row6 = Eigen::Matrix<double, 1, 6>;
 
 constexpr int kRounds = 4, kIterationsPerRound = 5, kFewestObservations = 6, kFewestWithPrior = 3;
-constexpr double kMajority = 0.5;     // of what is observed, that makes a pose sure
-constexpr double kLeastShare = 0.15;  // and that a sampled one must have: fewer agree with any
+// Of the weight, what agrees loosely: with a pose that is only a little off, most; with one that descent
+// ended in by chance, less than this. With one found by samples, clearly more than that.
+constexpr double kAstray = 0.35, kClearly = 1.2;
+constexpr double kLoose = 9;          // times chi-square's limit: what three points' noise does to a pose
+constexpr double kLeastShare = 0.15;  // of what is observed; fewer agree with any pose
 constexpr int kSamples = 300;
 constexpr std::size_t kFewestPairs = 12;
-constexpr double kLoose = 9;      // times chi-square's limit: what three points' noise does to a pose
-constexpr double kClearly = 1.2;  // times the weight that agrees, for a sampled pose to be looked into
 
 /// Whitened residuals of one observation and the point in the camera frame they come from.
 struct Residual {
@@ -96,13 +97,22 @@ bool agrees(const PoseObservation& o, const CameraModel& camera, const Pose& T_c
   return r.valid && r.chi2() <= looseness * limit_of(o);
 }
 
-/// The pose that more of the weight agrees with than with `estimate`, loosely.
+/// Of the weight, how much agrees with a pose, loosely.
+double agreeing_share(std::span<const PoseObservation> observations, const CameraModel& camera,
+                      const Pose& T_camera_world) {
+  double total = 0, agreeing = 0;
+  for (const PoseObservation& o : observations) {
+    total += o.weight;
+    if (o.weight > 0 && agrees(o, camera, T_camera_world, kLoose)) agreeing += o.weight;
+  }
+  return total > 0 ? agreeing / total : 0;
+}
+
+/// The pose that the largest share agrees with, if more than `share_to_beat`.
 std::optional<Pose> sample_pose(std::span<const PoseObservation> observations, const CameraModel& camera,
-                                const PoseEstimate& estimate, Random random) {
+                                double share_to_beat, Random random) {
   FixedVector<std::uint16_t, Keyframe::kMaxFeatures> usable;
-  double total = 0;
   for (std::size_t i = 0; i < observations.size(); ++i) {
-    total += observations[i].weight;
     if (observations[i].weight > 0 && observations[i].depth_m > 0)
       static_cast<void>(usable.try_push_back(static_cast<std::uint16_t>(i)));
   }
@@ -111,15 +121,8 @@ std::optional<Pose> sample_pose(std::span<const PoseObservation> observations, c
     const PoseObservation& o = observations[usable[i]];
     return PointPair{o.p_world, o.depth_m * Vec3{o.ray_x, o.ray_y, 1}, 3 * o.sigma_depth_m + 0.005};
   };
-  const auto share_of = [&](const Pose& T_camera_world) {
-    double sum = 0;
-    for (const PoseObservation& o : observations) {
-      if (o.weight > 0 && agrees(o, camera, T_camera_world, kLoose)) sum += o.weight;
-    }
-    return sum / total;
-  };
-  const double to_beat = estimate.converged ? kClearly * share_of(estimate.T_camera_world) : 0;
-  return rigid_consensus(usable.size(), kSamples, to_beat, random, pair_at, share_of);
+  return rigid_consensus(usable.size(), kSamples, share_to_beat, random, pair_at,
+                         [&](const Pose& T) { return agreeing_share(observations, camera, T); });
 }
 
 }  // namespace
@@ -174,8 +177,10 @@ PoseEstimate solve_pose_among_outliers(std::span<PoseObservation> observations, 
                                        const Pose& T_camera_world_initial, const PosePrior* prior,
                                        Random random) {
   const PoseEstimate descended = solve_pose(observations, camera, T_camera_world_initial, prior);
-  if (descended.inliers >= kMajority * descended.observed) return descended;
-  const std::optional<Pose> sampled = sample_pose(observations, camera, descended, random);
+  const double share =
+      descended.converged ? agreeing_share(observations, camera, descended.T_camera_world) : 0;
+  if (share >= kAstray) return descended;
+  const std::optional<Pose> sampled = sample_pose(observations, camera, kClearly * share, random);
   if (!sampled) return descended;
   for (PoseObservation& o : observations) o.inlier = agrees(o, camera, *sampled, kLoose);
   const PoseEstimate estimate = solve_pose(observations, camera, *sampled, prior);

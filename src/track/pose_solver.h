@@ -45,8 +45,8 @@ struct PoseEstimate {
 PoseEstimate solve_pose(std::span<PoseObservation> observations, const CameraModel& camera,
                         const Pose& T_camera_world_initial, const PosePrior* prior = nullptr);
 
-/// What `solve_pose` gives; where most observations do not fit that, perhaps what samples of three find
-/// (`rigid_consensus`), if more fit it. Descent from a pose too far off ends where a few agree by chance. No
+/// What `solve_pose` gives; where too little of the weight comes near that, what samples of three find
+/// (`rigid_consensus`), if more fits it. Descent from a pose too far off ends where a few agree by chance. No
 /// heap; any thread.
 PoseEstimate solve_pose_among_outliers(std::span<PoseObservation> observations, const CameraModel& camera,
                                        const Pose& T_camera_world_initial, const PosePrior* prior,
