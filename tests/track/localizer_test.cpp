@@ -13,17 +13,9 @@ using test::angle_between;
 /// Points that a camera at `truth` sees, where they are.
 class LocalizerTest : public testing::Test, protected test::PosedScene {
  protected:
-  void see_points(int count) {
-    for (int i = 0; i < count; ++i) {
-      const Vec3 p = anywhere_in_view();
-      const Descriptor d = test::random_descriptor(random);
-      add_point(truth * p, d, truth.t);
-      see(p, d);
-    }
-    grid.build(frame);
-  }
-  /// Points that have moved since the map saw them, as if the camera were at `elsewhere`.
-  void see_moved_points(int count, const Pose& elsewhere) {
+  void see_points(int count) { see_points_moved(count, truth); }
+  /// That have moved since the map saw them, as if the camera were at `elsewhere`.
+  void see_points_moved(int count, const Pose& elsewhere) {
     for (int i = 0; i < count; ++i) {
       const Vec3 p = anywhere_in_view();
       const Descriptor d = test::random_descriptor(random);
@@ -113,8 +105,8 @@ TEST_F(LocalizerTest, FewFeaturesCorrectThePriorInsteadOfReplacingIt) {
 
 TEST_F(LocalizerTest, FindsTheStillPointsAmongMoreThatMovedWhereMoversAreKnown) {
   // Those that agree with the guess are many enough to hold the descent, but the still ones are the most.
-  see_moved_points(60, turned_by(0.02));
-  see_moved_points(40, turned_by(0.04));
+  see_points_moved(60, turned_by(0.02));
+  see_points_moved(40, turned_by(0.04));
   see_points(90);
   begin();
   ASSERT_TRUE(localizer.around(turned_by(0.02)));
