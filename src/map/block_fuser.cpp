@@ -25,8 +25,27 @@ std::array<float, 3> narrowed(Vec3 p) {
   return {static_cast<float>(p.x), static_cast<float>(p.y), static_cast<float>(p.z)};
 }
 
+/// 2^18 / (weight + 1), rounded up: a product and a shift take a tenth of a division's time.
+constexpr auto kShares = [] {
+  std::array<int, kMaxColourWeight + 1> shares{};
+  for (int weight = 0; weight <= kMaxColourWeight; ++weight)
+    shares[static_cast<std::size_t>(weight)] = ((1 << 18) + weight) / (weight + 1);
+  return shares;
+}();
+constexpr int share_of(int sum, int weight) {
+  return sum * kShares[static_cast<std::size_t>(weight)] >> 18;
+}
+static_assert([] {
+  for (int weight = 0; weight <= kMaxColourWeight; ++weight) {
+    for (int sum = 0; sum <= 255 * (weight + 1) + (weight + 1) / 2; ++sum) {
+      if (share_of(sum, weight) != sum / (weight + 1)) return false;
+    }
+  }
+  return true;
+}());
+
 std::uint8_t averaged(std::uint8_t mean, std::uint8_t value, int weight) {
-  return static_cast<std::uint8_t>((mean * weight + value + (weight + 1) / 2) / (weight + 1));
+  return static_cast<std::uint8_t>(share_of(mean * weight + value + (weight + 1) / 2, weight));
 }
 
 }  // namespace
@@ -38,7 +57,8 @@ BlockFuser::BlockFuser(Arena& arena, const CameraModel& camera, const RayTable& 
       trail_(trail),
       looks_(looks),
       voxel_m_(voxel_m),
-      noise_m_at_1m_(static_cast<float>(camera.depth_noise_m_at_1m)),
+      least_truncation_m_(static_cast<float>(voxel_m)),
+      truncation_m_at_1m_(kTruncationSigmas * static_cast<float>(camera.depth_noise_m_at_1m)),
       enough_points_at_1m_(static_cast<float>(kEnoughPoints * camera.fx * camera.fy * voxel_m * voxel_m)),
       width_(camera.width) {}
 
@@ -84,10 +104,6 @@ bool BlockFuser::may_tell(BlockCoordinates at) const {
   return z - ball.radius_m <= farthest + truncation_m(farthest);
 }
 
-float BlockFuser::truncation_m(float z_m) const {
-  return std::max(static_cast<float>(voxel_m_), kTruncationSigmas * noise_m_at_1m_ * z_m * z_m);
-}
-
 BlockFuser::Change BlockFuser::fuse(BlockCoordinates at, std::span<Voxel, kBlockVoxels> voxels) const {
   static_assert(Lens::kRow == kBlockEdge);
   const Vec3 first_map = first_centre_in_map(at), first = T_depth_map_ * first_map;
@@ -112,19 +128,21 @@ void BlockFuser::fuse_row(Vec3 begin_map, const Point& begin, const Point& step,
   const EvidenceRow by_depth = evidence_of(pixels, begin[2], step[2]);
   for (std::size_t i = 0; i < kBlockEdge; ++i) {
     Voxel& voxel = voxels[i];
-    if (pixels.u[i] >= 0) {
-      const float s = static_cast<float>(i);
-      const Point p{begin[0] + s * step[0], begin[1] + s * step[1], begin[2] + s * step[2]};
-      const Occupancy before = voxel.occupancy();
-      if (by_depth[i] == kOccupied || holds_points(voxel, p[2])) {
-        const Vec3 p_map = begin_map + Vec3{static_cast<double>(i) * voxel_m_, 0, 0};
-        if (const Bgr* colour = colour_at(p)) change.shown |= hit(voxel, *colour, worth_of(voxel, p_map));
-      } else if (by_depth[i] == kFree) {
-        change.shown |= miss(voxel);
-      }
-      change.known |= voxel.occupancy() != before;
+    const bool holds_any = voxel.last_hit == frame_mark_;
+    if (pixels.u[i] < 0 || (by_depth[i] == 0 && !holds_any)) continue;
+    const float s = static_cast<float>(i);
+    const Point p{begin[0] + s * step[0], begin[1] + s * step[1], begin[2] + s * step[2]};
+    const Occupancy before = voxel.occupancy();
+    if (by_depth[i] == kOccupied || holds_points(voxel, p[2])) {
+      const Vec3 p_map = begin_map + Vec3{static_cast<double>(i) * voxel_m_, 0, 0};
+      if (const Bgr* colour = colour_at(p)) change.shown |= hit(voxel, *colour, worth_of(voxel, p_map));
+    } else if (by_depth[i] == kFree) {
+      change.shown |= miss(voxel);
     }
-    change.occupied += static_cast<int>(voxel.occupied());
+    const Occupancy after = voxel.occupancy();
+    change.known |= after != before;
+    change.occupied +=
+        static_cast<int>(after == Occupancy::Occupied) - static_cast<int>(before == Occupancy::Occupied);
   }
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <span>
@@ -35,7 +36,7 @@ class BlockFuser {
   struct Change {
     bool shown = false;  ///< occupied voxels appeared, disappeared or changed colour
     bool known = false;  ///< a voxel's occupancy changed
-    int occupied = 0;    ///< occupied voxels after the fusion
+    int occupied = 0;    ///< by how many there are more occupied voxels; below 0: fewer
   };
 
   /// `trail` must outlive the fuser; null: movers leave none. Each picture counts for `looks`.
@@ -66,7 +67,9 @@ class BlockFuser {
   /// Around the centres of a block's voxels.
   Ball ball_around(BlockCoordinates at) const;
   bool sees(const Ball& ball) const;
-  float truncation_m(float z_m) const;
+  float truncation_m(float z_m) const {
+    return std::max(least_truncation_m_, truncation_m_at_1m_ * z_m * z_m);
+  }
   /// The row of voxels whose first centre is at `begin_map` in the map, at `begin` in the depth camera.
   void fuse_row(Vec3 begin_map, const Point& begin, const Point& step, Voxel* voxels, Change& change) const;
   /// Of voxels whose depths begin at `begin_m`, `step_m` apart.
@@ -89,7 +92,7 @@ class BlockFuser {
   const MoverTrail* trail_;
   int looks_;
   double voxel_m_;
-  float noise_m_at_1m_;
+  float least_truncation_m_, truncation_m_at_1m_;
   float enough_points_at_1m_;
   int width_;
 

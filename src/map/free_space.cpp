@@ -51,6 +51,18 @@ void FreeSpace::measure_tiles(std::span<const float> z_m) {
   }
 }
 
+float FreeSpace::tile_m(int column, int row) const {
+  return tiles_m_[static_cast<std::size_t>(row * columns_ + column)];
+}
+
+bool FreeSpace::may_be_seen_through(Vec3 middle) const {
+  const float x = static_cast<float>(middle.x), y = static_cast<float>(middle.y),
+              z = static_cast<float>(middle.z);
+  if (!lens_.may_see(x, y, z, 0)) return false;
+  const Lens::Pixel pixel = lens_.pixel_of(x, y, z);
+  return pixel.u >= 0 && tile_m(pixel.u / kTile_px, pixel.v / kTile_px) > z;
+}
+
 bool FreeSpace::seen_through(const std::array<Vec3, 8>& corners) const {
   int u0 = width_, u1 = 0, v0 = height_, v1 = 0;
   double deepest_m = 0;
@@ -66,8 +78,7 @@ bool FreeSpace::seen_through(const std::array<Vec3, 8>& corners) const {
   }
   for (int row = v0 / kTile_px; row <= v1 / kTile_px; ++row) {
     for (int column = u0 / kTile_px; column <= u1 / kTile_px; ++column) {
-      if (static_cast<double>(tiles_m_[static_cast<std::size_t>(row * columns_ + column)]) <= deepest_m)
-        return false;
+      if (static_cast<double>(tile_m(column, row)) <= deepest_m) return false;
     }
   }
   return true;
@@ -94,10 +105,8 @@ void FreeSpace::see(const Pose& T_map_camera_depth, std::span<const float> z_m) 
     for (std::int32_t y = first.y; y <= last.y; ++y) {
       Vec3 begin = T_camera_map * (cell_m_ * Vec3{1.0 * first.x, 1.0 * y, 1.0 * z});
       for (std::int32_t x = first.x; x <= last.x; ++x, begin = begin + step) {
-        const Vec3 middle = begin + to_middle;
-        if (!lens_.may_see(static_cast<float>(middle.x), static_cast<float>(middle.y),
-                           static_cast<float>(middle.z), 0))
-          continue;
+        // Most lie out of view or behind what was measured; one look at their middle tells.
+        if (!may_be_seen_through(begin + to_middle)) continue;
         std::array<Vec3, 8> corners;
         std::ranges::transform(across, corners.begin(), [&](Vec3 to) { return begin + to; });
         if (seen_through(corners)) mark(place_of(x, y, z));

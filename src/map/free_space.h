@@ -57,6 +57,9 @@ class FreeSpace {
   Chunk* find(const Place& place) { return const_cast<Chunk*>(std::as_const(*this).find(place)); }
   void mark(const Place& place);
   void measure_tiles(std::span<const float> z_m);
+  float tile_m(int column, int row) const;
+  /// False where a cube around this point of the camera's frame cannot be.
+  bool may_be_seen_through(Vec3 middle) const;
   /// Whether all of a cube, given by its corners in the camera's frame, is in view and seen through.
   bool seen_through(const std::array<Vec3, 8>& corners) const;
 

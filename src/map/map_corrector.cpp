@@ -170,7 +170,7 @@ void MapCorrector::fuse_copy(const KeyframeCopies::Copy& copy, std::uint16_t fra
     if (block.state != BlockState::Current || block.made_epoch < since_epoch_ || !fuser_.may_tell(block.at))
       continue;
     const BlockFuser::Change change = fuser_.fuse(block.at, table_.voxels(i));
-    table_.note_fused(i, sequence_, change.shown, change.occupied);
+    table_.note_fused(i, sequence_, change.shown, block.occupied + change.occupied);
     if (change.known) table_.publish(i);
   }
 }

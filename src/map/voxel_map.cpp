@@ -34,6 +34,7 @@ VoxelMap::VoxelMap(Arena& arena, const Config::Map& config, const CameraModel& c
     : config_(config),
       camera_(camera),
       rays_(rays),
+      row_step_(std::max(1, static_cast<int>(camera.fy * config.voxel_m / config.max_range_m / 2))),
       evicted_(evicted),
       free_space_(arena, camera, rays, config.voxel_m, config.max_range_m),
       table_(arena, static_cast<std::size_t>(config.capacity_voxels / kBlockVoxels), &free_space_, evicted),
@@ -56,17 +57,24 @@ FuseOutcome VoxelMap::fuse(const FuseInput& input) {
   mark_points(input, frame_mark);
   fuser_.begin_frame(input.T_map_camera_depth, input.T_map_camera_colour, measured_.z_m(), input.colour,
                      config_.max_range_m, frame_mark);
-  for (int i = 0; i < table_.size(); ++i) {
-    const Block& block = table_.block(i);
-    if (block.state != BlockState::Current || !fuser_.may_tell(block.at)) continue;
-    const BlockFuser::Change change = fuser_.fuse(block.at, table_.voxels(i));
-    table_.note_fused(i, input.sequence, change.shown, change.occupied);
-    if (change.known) table_.publish(i);
-  }
+  fuse_blocks(input.sequence);
   free_space_.see(input.T_map_camera_depth, measured_.z_m());
   corrector_.note({input.anchor_keyframe, input.T_map_keyframe, input.T_map_camera_depth,
                    input.T_map_camera_colour, measured_.z_m(), input.colour, input.sequence});
   return FuseOutcome::Fused;
+}
+
+void VoxelMap::fuse_blocks(std::uint64_t sequence) {
+  int room = kMostBlocksFused;
+  for (int looked_at = 0, i = next_block_; looked_at < table_.size() && room > 0; ++looked_at, ++i) {
+    if (i >= table_.size()) i = 0;
+    const Block& block = table_.block(i);
+    if (block.state != BlockState::Current || !fuser_.may_tell(block.at)) continue;
+    const BlockFuser::Change change = fuser_.fuse(block.at, table_.voxels(i));
+    table_.note_fused(i, sequence, change.shown, block.occupied + change.occupied);
+    if (change.known) table_.publish(i);
+    if (--room == 0) next_block_ = i + 1;
+  }
 }
 
 void VoxelMap::correct(const Correction& correction) {
@@ -123,16 +131,18 @@ FuseOutcome VoxelMap::check(const FuseInput& input) const {
 void VoxelMap::mark_points(const FuseInput& input, std::uint16_t frame_mark) {
   const Vec3 t = (1 / config_.voxel_m) * input.T_map_camera_depth.t;
   table_.begin_frame(block_of(voxel_at(t)));
+  const auto step = static_cast<std::uint32_t>(row_step_);  // each row stands for its neighbours
   std::uint64_t points = 0, distinct = 0;
   BlockCoordinates at;
   int index = BlockTable::kNone;
   bool have_block = false;
-  for (int y = 0; y < camera_.height; ++y) {
+  for (int y = static_cast<int>(fused_frames_ % static_cast<std::uint64_t>(row_step_)); y < camera_.height;
+       y += row_step_) {
     place_row(y, input.T_map_camera_depth);
     const std::size_t runs = find_runs(y);
     for (std::size_t run = 0; run < runs; ++run) {
       const std::size_t x = runs_[run].first_px;
-      const std::uint32_t here = runs_[run + 1].points_before - runs_[run].points_before;
+      const std::uint32_t here = step * (runs_[run + 1].points_before - runs_[run].points_before);
       // Neighbouring voxels mostly share a block: the table is asked only where it changes.
       const BlockCoordinates around = block_of(row_x_[x], row_y_[x], row_z_[x]);
       if (!have_block || !(around == at)) {

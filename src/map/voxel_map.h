@@ -52,6 +52,9 @@ class VoxelMap {
   /// The far end of the map: voxel coordinates stay well inside 32 bits at any voxel size that the
   /// configuration takes.
   static constexpr double kMaxDistance_m = 1e6;
+  /// Of a view that shows more, this many blocks are fused, and with the next frame those after them: what
+  /// bounds a frame's time. On fr1_rpy one fused frame in ten has more.
+  static constexpr int kMostBlocksFused = 320;
 
   /// `rays` must be of this camera and outlive the map, and so must `evicted`, which gets the blocks that
   /// give way; null: they are lost.
@@ -95,13 +98,15 @@ class VoxelMap {
   std::uint64_t fused_frames() const { return fused_frames_; }
   /// Depth readings that one voxel stands for (the seed paper's voxel filter has about 9:1): of each fused
   /// frame, its mapped readings (in range, not on a silhouette, not on a mover) over the distinct voxels that
-  /// they lie in; the mean over all fused frames that had any. 0 before the first.
+  /// they lie in, as the rows tell that were gone through; the mean over all fused frames that had any. 0
+  /// before the first.
   double point_reduction() const;
   PoolUsage usage() const { return table_.usage(); }
 
  private:
   FuseOutcome check(const FuseInput& input) const;
   void mark_points(const FuseInput& input, std::uint16_t frame_mark);
+  void fuse_blocks(std::uint64_t sequence);
   void place_row(int y, const Pose& T_map_camera);
   /// Neighbouring points of a picture row that lie in one voxel.
   struct Run {
@@ -114,6 +119,9 @@ class VoxelMap {
   Config::Map config_;
   CameraModel camera_;
   const RayTable& rays_;
+  /// Of so many picture rows the points of one are marked, of another each frame: the face of a voxel at the
+  /// far end is at least two of these rows high.
+  int row_step_;
   EvictedBlocks* evicted_;
   FreeSpace free_space_;
   BlockTable table_;
@@ -125,6 +133,7 @@ class VoxelMap {
   // before.
   std::span<std::int32_t> row_x_, row_y_, row_z_, row_begins_;
   std::span<Run> runs_;
+  int next_block_ = 0;  // to begin with
   std::uint64_t fused_frames_ = 0, reduced_frames_ = 0, marks_ = 0;
   double reduction_sum_ = 0;
 };

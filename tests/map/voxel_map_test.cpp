@@ -192,24 +192,64 @@ TEST(VoxelMap, far_from_the_origin_is_as_good_as_at_it) {
 }
 
 TEST(VoxelMap, point_reduction_is_readings_per_voxel) {
-  MapUnderTest t(small_camera());
-  EXPECT_EQ(t.map().point_reduction(), 0);
-  Picture p = t.render(wall(2.02), {});
-  std::set<std::array<int, 3>> voxels;
-  int points = 0;
-  for (int y = 0; y < 120; ++y) {
-    for (int x = 0; x < 160; ++x) {
-      const RayTable::Ray ray = t.rays().at(x, y);
-      const auto index = [](double m) { return static_cast<int>(std::floor(m / 0.04)); };
-      voxels.insert({index(ray.x * 2.02), index(ray.y * 2.02), index(2.02)});
-      ++points;
+  for (const double voxel_m : {0.04, 0.16}) {  // of the second, every other row is gone through
+    Config::Map config;
+    config.voxel_m = voxel_m;
+    MapUnderTest t(small_camera(), config);
+    EXPECT_EQ(t.map().point_reduction(), 0);
+    Picture p = t.render(wall(2.02), {});
+    std::set<std::array<int, 3>> voxels;
+    int points = 0;
+    for (int y = 0; y < 120; ++y) {
+      for (int x = 0; x < 160; ++x) {
+        const RayTable::Ray ray = t.rays().at(x, y);
+        const auto index = [&](double m) { return static_cast<int>(std::floor(m / voxel_m)); };
+        voxels.insert({index(ray.x * 2.02), index(ray.y * 2.02), index(2.02)});
+        ++points;
+      }
+    }
+    const double expected = points / static_cast<double>(voxels.size());
+    for (int frame = 0; frame < 2; ++frame) {
+      ASSERT_EQ(t.map().fuse(t.input(p, {})), FuseOutcome::Fused);
+      EXPECT_NEAR(t.map().point_reduction(), expected, 0.01 * expected) << voxel_m;
     }
   }
-  const double expected = points / static_cast<double>(voxels.size());
-  ASSERT_EQ(t.map().fuse(t.input(p, {})), FuseOutcome::Fused);
-  EXPECT_NEAR(t.map().point_reduction(), expected, 0.01 * expected);
-  ASSERT_EQ(t.map().fuse(t.input(p, {})), FuseOutcome::Fused);
-  EXPECT_NEAR(t.map().point_reduction(), expected, 0.01 * expected);
+}
+
+TEST(VoxelMap, rows_are_gone_through_in_turn_where_a_voxel_is_several_high) {
+  Config::Map config;
+  config.voxel_m = 0.16;  // 4.6 rows at the far end of 4.5 m
+  MapUnderTest t(small_camera(), config);
+  Picture p = t.render(wall(4.4), {});
+  for (int y = 0; y < 120; ++y) {
+    if (y != 60) std::fill_n(p.depth.begin() + 160 * y, 160, std::uint16_t{0});
+  }
+  std::vector<std::size_t> used;
+  for (int frame = 0; frame < 2; ++frame) {
+    ASSERT_EQ(t.map().fuse(t.input(p, {})), FuseOutcome::Fused);
+    used.push_back(t.map().usage().high_water);
+  }
+  std::ranges::sort(used);
+  EXPECT_EQ(used.front(), 0u) << "one of two frames passes over the only row that has depth";
+  EXPECT_GT(used.back(), 0u);
+}
+
+TEST(VoxelMap, a_view_of_more_blocks_than_a_frame_fuses_is_fused_in_turn) {
+  Config::Map config;
+  config.voxel_m = 0.02;
+  MapUnderTest t(small_camera(), config);
+  const auto fused_in = [&](std::uint64_t sequence) {
+    int blocks = 0;
+    for (int i = 0; i < t.map().blocks().size(); ++i)
+      blocks += t.map().blocks().block(i).fused_sequence == sequence ? 1 : 0;
+    return blocks;
+  };
+  t.see(wall(3.01));
+  ASSERT_GT(t.map().blocks().size(), VoxelMap::kMostBlocksFused);
+  EXPECT_EQ(fused_in(1), VoxelMap::kMostBlocksFused);
+  t.see(wall(3.01));
+  EXPECT_EQ(fused_in(2), VoxelMap::kMostBlocksFused);
+  EXPECT_EQ(fused_in(0), 0) << "the second frame begins where the first ended";
 }
 
 TEST(VoxelMap, bad_input_is_refused_and_changes_nothing) {
