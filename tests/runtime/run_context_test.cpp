@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "tests/runtime/pipeline.h"
+#include "tests/track/scene.h"
 
 namespace stillmap {
 namespace {
@@ -53,6 +54,31 @@ TEST(TrackFrame, CountsAndTellsWhatBecomesOfTracking) {
   EXPECT_GE(c.keyframes.load(), 1u);
   EXPECT_GT(c.static_features.load(), 0u);
   EXPECT_EQ(bench.pipeline.context->track_log.causal.size(), 7u);
+}
+
+TEST(TrackFrame, WhatOnlyThePictureAsAWholePosedStaysOutOfTheMap) {
+  synthetic::SyntheticLog log({.seed = 2, .people = 0});
+  test::ScriptedDriver driver({.name = "room", .width = 640, .height = 480, .fps = 30, .is_log = true}, {});
+  Config config = test::synthetic_config();
+  config.stream.listen = "off";
+  Pipeline pipeline(driver, {}, false, config);
+  const auto track = [&](int index, bool blurred) {
+    test::Scene scene(log, index);
+    if (blurred) test::blur(scene);
+    FrameHandle frame = pipeline.stages->frames.acquire();
+    FrameSlot& slot = frame.writable();
+    std::ranges::copy(scene.truth.colour, slot.colour.data);
+    std::ranges::copy(scene.truth.depth, slot.depth.data);
+    slot.colour_ns = slot.depth_ns = scene.truth.stamp_ns;
+    slot.sequence = static_cast<std::uint64_t>(index);
+    return track_frame(*pipeline.context, *frame);
+  };
+  for (int i = 0; i < 30; ++i) ASSERT_TRUE(track(i, false)) << i;
+  const RunCounters& c = pipeline.context->counters;
+  const std::uint64_t weak = c.weak.load();
+  EXPECT_FALSE(track(30, true));
+  EXPECT_EQ(c.weak.load(), weak + 1) << "it has a pose";
+  EXPECT_TRUE(track(31, false));
 }
 
 TEST(RunOutcome, ARunWithoutAPoseSaysWhy) {

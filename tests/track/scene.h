@@ -33,6 +33,9 @@ struct Scene {
   DynamicMask mask() const;
 };
 
+/// The picture as a mean over 33 by 33 pixels leaves it: no corner is left, but its large shapes are.
+void blur(Scene& scene);
+
 /// Repeated draws with mean 0 and sigma 1.
 double gaussian(Random& random);
 Vec3 gaussian_vec(Random& random, double sigma);

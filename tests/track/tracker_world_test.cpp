@@ -18,27 +18,6 @@ using test::TrackerScene;
 void darken(Scene& scene) {
   std::fill(scene.truth.colour.begin(), scene.truth.colour.end(), Bgr{});
 }
-/// As a mean over 33 by 33 pixels leaves it.
-void blur(Scene& scene) {
-  constexpr int kWidth = 640, kHeight = 480, kReach = 16;
-  const auto mean_of = [&](std::size_t first, std::size_t stride, int count) {
-    std::vector<Bgr> line(static_cast<std::size_t>(count));
-    for (std::size_t i = 0; i < line.size(); ++i) line[i] = scene.truth.colour[first + i * stride];
-    for (int i = 0; i < count; ++i) {
-      int b = 0, g = 0, r = 0;
-      for (int d = -kReach; d <= kReach; ++d) {
-        const Bgr& c = line[static_cast<std::size_t>(std::clamp(i + d, 0, count - 1))];
-        b += c.b, g += c.g, r += c.r;
-      }
-      constexpr int kPixels = 2 * kReach + 1;
-      scene.truth.colour[first + static_cast<std::size_t>(i) * stride] = {
-          static_cast<std::uint8_t>(b / kPixels), static_cast<std::uint8_t>(g / kPixels),
-          static_cast<std::uint8_t>(r / kPixels)};
-    }
-  };
-  for (std::size_t y = 0; y < kHeight; ++y) mean_of(y * kWidth, 1, kWidth);
-  for (std::size_t x = 0; x < kWidth; ++x) mean_of(x, kWidth, kHeight);
-}
 void take_depth(Scene& scene) {
   std::fill(scene.truth.depth.begin(), scene.truth.depth.end(), std::uint16_t{0});
 }
