@@ -19,7 +19,7 @@ GENERATED = {"foxglove.pb.h": "stream", "stillmap.pb.h": "stream"}  # beside tho
 # Outside libraries: what their headers begin with, and the folders that may include them. None: a single .cpp may.
 LIBRARIES = {
     "OpenCV": (("opencv2/",), None),
-    "Eigen": (("Eigen/",), ("track", "eval")),
+    "Eigen": (("Eigen/",), ("core", "track", "eval")),
     "nlohmann-json": (("nlohmann/",), ("runtime",)),
     "spdlog": (("spdlog/", "fmt/"), ("runtime",)),
     "CLI11": (("CLI/",), ("app",)),

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "eval/accuracy.h"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -9,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "core/absolute_orientation.h"
 #include "core/text_table.h"
 
 namespace stillmap {
@@ -57,29 +57,15 @@ std::vector<Match> match(std::span<const StampedPose> groundtruth, std::span<con
   return matches;
 }
 
-/// The rigid transform that takes the estimate's positions nearest to the truth's in the least-squares sense,
-/// in Horn's closed form: the rotation is the quaternion of the largest eigenvalue (JOSA A 4(4), 1987,
-/// section 4).
+/// The rigid transform that takes the estimate's positions nearest to the truth's; of a path along a line one
+/// of many.
 Pose alignment(std::span<const Match> matches) {
-  Vec3 mean_truth, mean_estimate;
-  const double share = 1.0 / static_cast<double>(matches.size());
+  std::vector<Vec3> estimate, truth;
   for (const Match& m : matches) {
-    mean_truth = mean_truth + share * m.truth.t;
-    mean_estimate = mean_estimate + share * m.estimate.t;
+    estimate.push_back(m.estimate.t);
+    truth.push_back(m.truth.t);
   }
-  Eigen::Matrix3d S = Eigen::Matrix3d::Zero();
-  for (const Match& m : matches) {
-    const Vec3 e = m.estimate.t - mean_estimate, g = m.truth.t - mean_truth;
-    S += Eigen::Vector3d(e.x, e.y, e.z) * Eigen::RowVector3d(g.x, g.y, g.z);
-  }
-  Eigen::Matrix4d N;
-  N << S.trace(), S(1, 2) - S(2, 1), S(2, 0) - S(0, 2), S(0, 1) - S(1, 0),                    //
-      S(1, 2) - S(2, 1), S(0, 0) - S(1, 1) - S(2, 2), S(0, 1) + S(1, 0), S(2, 0) + S(0, 2),   //
-      S(2, 0) - S(0, 2), S(0, 1) + S(1, 0), -S(0, 0) + S(1, 1) - S(2, 2), S(1, 2) + S(2, 1),  //
-      S(0, 1) - S(1, 0), S(2, 0) + S(0, 2), S(1, 2) + S(2, 1), -S(0, 0) - S(1, 1) + S(2, 2);
-  const Eigen::Vector4d q = Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d>(N).eigenvectors().col(3);
-  const Mat3 R = rotation_from({q[0], q[1], q[2], q[3]});
-  return {R, mean_truth - R * mean_estimate};
+  return absolute_orientation(estimate, truth).T_to_from;
 }
 
 /// Root mean square and maximum of values as they come.

@@ -8,9 +8,9 @@
 #include <cstdint>
 #include <optional>
 
+#include "core/absolute_orientation.h"
 #include "core/geometry.h"
 #include "core/random.h"
-#include "track/absolute_orientation.h"
 
 namespace stillmap {
 
@@ -48,11 +48,11 @@ std::optional<Pose> rigid_consensus(std::size_t pairs, int samples, double share
       rigid = before > kShortest_m && std::abs(before - after) < tolerance[i] + tolerance[j];
     }
     if (!rigid) continue;
-    const std::optional<Pose> T = absolute_orientation(from, to);
-    if (!T) continue;
-    if (const double found = share_of(*T); found > share) {
+    const AbsoluteOrientation by_sample = absolute_orientation(from, to);
+    if (!by_sample.unique) continue;
+    if (const double found = share_of(by_sample.T_to_from); found > share) {
       share = found;
-      best = T;
+      best = by_sample.T_to_from;
       // So many samples that one in a hundred searches has none of three right pairs.
       enough = std::min<double>(samples, kFewestSamples + 4.6 / std::pow(share, 3));
     }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "track/absolute_orientation.h"
+#include "core/absolute_orientation.h"
 
 #include <Eigen/Core>
 #include <Eigen/Eigenvalues>
@@ -7,9 +7,9 @@
 
 namespace stillmap {
 
-std::optional<Pose> absolute_orientation(std::span<const Vec3> from, std::span<const Vec3> to) {
+AbsoluteOrientation absolute_orientation(std::span<const Vec3> from, std::span<const Vec3> to) {
   const auto n = static_cast<double>(from.size());
-  if (from.size() < 3 || from.size() != to.size()) return std::nullopt;
+  if (from.size() < 3 || from.size() != to.size()) return {};
   Vec3 mean_from, mean_to;
   for (std::size_t i = 0; i < from.size(); ++i) {
     mean_from = mean_from + from[i];
@@ -28,12 +28,12 @@ std::optional<Pose> absolute_orientation(std::span<const Vec3> from, std::span<c
       S(2, 0) - S(0, 2), S(0, 1) + S(1, 0), -S(0, 0) + S(1, 1) - S(2, 2), S(1, 2) + S(2, 1),  //
       S(0, 1) - S(1, 0), S(2, 0) + S(0, 2), S(1, 2) + S(2, 1), -S(0, 0) - S(1, 1) + S(2, 2);
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d> eigen(N);
-  // Two equal largest eigenvalues: the rotation is not determined (points in a line or in one place).
-  if (eigen.eigenvalues()[3] - eigen.eigenvalues()[2] < 1e-9 * std::abs(eigen.eigenvalues()[3]) + 1e-15)
-    return std::nullopt;
+  // Where the two largest are equal, every rotation between theirs is as good.
+  const double gap = eigen.eigenvalues()[3] - eigen.eigenvalues()[2];
+  const bool unique = gap >= 1e-9 * std::abs(eigen.eigenvalues()[3]) + 1e-15;
   const Eigen::Vector4d q = eigen.eigenvectors().col(3);
   const Mat3 R = rotation_from({q[0], q[1], q[2], q[3]});
-  return Pose{R, mean_to - R * mean_from};
+  return {{R, mean_to - R * mean_from}, unique};
 }
 
 }  // namespace stillmap
