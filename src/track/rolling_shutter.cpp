@@ -11,7 +11,6 @@ void straighten_rows(const CameraModel& camera, Vec3 turn_rad, std::span<Feature
     const Vec2 pixel = camera.project(p);
     f.ray_x = static_cast<float>(p.x / p.z);
     f.ray_y = static_cast<float>(p.y / p.z);
-    f.depth_m *= static_cast<float>(p.z);
     f.x = std::clamp(static_cast<float>(pixel.x), 0.0F, static_cast<float>(camera.width - 1));
     f.y = std::clamp(static_cast<float>(pixel.y), 0.0F, static_cast<float>(camera.height - 1));
   }

@@ -9,7 +9,7 @@
 namespace stillmap {
 
 /// A rolling shutter exposes row after row, so that a camera which turns sees the top and the bottom of a
-/// picture from two directions. Moves each feature's ray, pixel and depth to what the camera would see at the
+/// picture from two directions. Moves each feature's ray and pixel to what the camera would see at the
 /// stamp, when the middle row is exposed. `turn_rad` is the camera's rotation (a vector in its own frame)
 /// between the exposures of the first row and the last. Translation in that time is left out: at a walk it is
 /// 2 cm, and turning costs far more.

@@ -102,17 +102,20 @@ const TrackingResult& Tracker::track(const FrameSlot& slot, const DynamicMask& m
   alignment_.take(grey_);
   extractor_.extract(grey_, frame_);
   result_.features = static_cast<int>(frame_.features.size());
-  const Pose T_depth_colour = inverse(predict(slot.depth_ns)) * predicted;
-  sample_depth(slot.depth, config_.camera, T_depth_colour, frame_.features);
-  label_features(mask);
   align(slot, predicted);
+  Pose T_depth_colour = inverse(predict(slot.depth_ns)) * predicted;
   std::optional<Vec3> turn_rad_per_s;
   if (const double seconds = motion_.seconds_since_pose(slot.colour_ns);
       motion_.has_pose() && seconds > 0 && seconds <= kSteady_s) {
     turn_rad_per_s = (1 / seconds) * log_so3((inverse(motion_.last()) * aligned_).R);
     if (readout_.readout_s() != 0)
       straighten_rows(config_.camera, readout_.readout_s() * *turn_rad_per_s, frame_.features);
+    // The picture tells of a jerk that no motion model foresees.
+    const double skew_s = to_seconds(slot.depth_ns - slot.colour_ns);
+    if (alignment_.holds(mask)) T_depth_colour = {exp_so3(-skew_s * *turn_rad_per_s), {}};
   }
+  sample_depth(slot.depth, config_.camera, T_depth_colour, frame_.features);
+  label_features(mask, T_depth_colour);
   grid_.build(frame_);
 
   if (result_.state == TrackState::Initializing) {
@@ -155,8 +158,14 @@ const TrackingResult& Tracker::track(const FrameSlot& slot, const DynamicMask& m
   return result_;
 }
 
-void Tracker::label_features(const DynamicMask& mask) {
-  for (Feature& f : frame_.features) f.label = label_at(mask, f.x, f.y, f.depth_m);
+void Tracker::label_features(const DynamicMask& mask, const Pose& T_depth_colour) {
+  // Silhouettes are those of the depth picture, boxes those of the colour picture.
+  const bool by_depth = mask.rule == DynamicRule::Silhouette;
+  for (Feature& f : frame_.features) {
+    const Vec2 own{f.x, f.y};
+    const Vec2 at = by_depth ? depth_pixel(config_.camera, T_depth_colour, f).value_or(own) : own;
+    f.label = label_at(mask, at.x, at.y, f.depth_m);
+  }
 }
 
 void Tracker::start_map(const FrameSlot& slot) {

@@ -83,7 +83,7 @@ class Tracker {
   bool relocalize();
   void stand_on(const Keyframe& keyframe);
   bool found_by(Keyframe& keyframe);
-  void label_features(const DynamicMask& mask);
+  void label_features(const DynamicMask& mask, const Pose& T_depth_colour);
   void take_adjustment();
   void close_loops(std::uint64_t sequence);
   bool bridge(Nanoseconds stamp_ns, const DynamicMask& mask);

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 
 #include "tests/support/heap_calls.h"
 #include "tracker_scene.h"
@@ -157,6 +158,53 @@ TEST(Tracker, FindsAPlaceWhosePointsWereGivenUp) {
   }
   EXPECT_LT(norm(run[40].result.T_odom_camera.t - run[0].result.T_odom_camera.t), 0.02);
   EXPECT_LT(test::drift_rmse_m(run), 0.02);
+}
+
+/// The camera stands, then jerks. Depth is exposed a third of a frame after colour: no motion model knows
+/// where by then a corner is in it, but the picture does.
+TEST(Tracker, KnowsOfAJerkBeforeItReadsDepthAndLabels) {
+  constexpr Nanoseconds kFrame_ns = 33'333'333;
+  constexpr int kStands = 10, kJerks_to = 16, kDepth_at = 18;
+  synthetic::SyntheticLog log({.seed = 6, .people = 0, .path = PathKind::Rotate});
+  Arena arena(std::size_t{160} << 20);
+  Tracker tracker(arena, test::synthetic_config());
+  Scene stands(log, kStands), jerked(log, kJerks_to), at_depth(log, kDepth_at);
+  const auto see = [&](Scene& colour, Scene& depth, std::uint64_t sequence, const DynamicMask& mask) {
+    FrameSlot slot = colour.slot(sequence);
+    slot.depth = depth.slot(sequence).depth;
+    slot.colour_ns = static_cast<Nanoseconds>(sequence + 1) * kFrame_ns;
+    slot.depth_ns = slot.colour_ns + (&colour == &depth ? 0 : kFrame_ns / 3);
+    return tracker.track(slot, mask);
+  };
+  // Something moves in the right half of the depth picture.
+  constexpr int kColumn_px = 320;
+  DynamicMask mask = jerked.mask();
+  for (int i = 0; i < mask.columns * mask.rows; ++i)
+    mask.cells[static_cast<std::size_t>(i)] = i % mask.columns * mask.cell_px >= kColumn_px
+                                                  ? DynamicMask::Cell{0, 65535, Label::Dynamic, 0}
+                                                  : DynamicMask::Cell{};
+  for (std::uint64_t i = 0; i < 4; ++i) see(stands, stands, i, stands.mask());
+  ASSERT_TRUE(see(jerked, at_depth, 4, mask).has_pose());
+
+  const CameraModel camera = synthetic::SyntheticLog::camera();
+  const Pose T_depth_colour = inverse(at_depth.truth.T_world_camera) * jerked.truth.T_world_camera;
+  int seen = 0, right_depth = 0, at_edge = 0, right_label = 0;
+  for (const Feature& f : tracker.features()) {
+    const double truth_m = camera.depth_m(jerked.depth().at(static_cast<int>(f.x), static_cast<int>(f.y)));
+    if (f.depth_m == 0 || truth_m == 0) continue;
+    ++seen;
+    right_depth += std::abs(f.depth_m - truth_m) < 0.03 * truth_m ? 1 : 0;
+    const Vec2 there = camera.project(T_depth_colour * (truth_m * Vec3{f.ray_x, f.ray_y, 1}));
+    const double from_edge_px = std::abs(there.x - kColumn_px);
+    if (from_edge_px < 2 || from_edge_px > 12) continue;  // the turn is of 14 px
+    ++at_edge;
+    right_label += (f.label == Label::Dynamic) == (there.x > kColumn_px) ? 1 : 0;
+  }
+  ASSERT_GT(seen, 500);
+  ASSERT_GT(at_edge, 20);
+  // The rest is where surfaces end.
+  EXPECT_GT(right_depth, seen * 75 / 100) << "67 % where the motion model says how the camera turns";
+  EXPECT_GT(right_label, at_edge * 85 / 100);
 }
 
 }  // namespace
