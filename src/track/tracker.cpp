@@ -110,7 +110,8 @@ const TrackingResult& Tracker::track(const FrameSlot& slot, const DynamicMask& m
     turn_rad_per_s = (1 / seconds) * log_so3((inverse(motion_.last()) * aligned_).R);
     if (readout_.readout_s() != 0)
       straighten_rows(config_.camera, readout_.readout_s() * *turn_rad_per_s, frame_.features);
-    // The picture tells of a jerk that no motion model foresees.
+    // The picture tells of a jerk that no motion model foresees. How far the camera goes in some milliseconds
+    // is left out: where people starve the view, the motion model knows it worst (docs/measurements.md).
     const double skew_s = to_seconds(slot.depth_ns - slot.colour_ns);
     if (alignment_.holds(mask)) T_depth_colour = {exp_so3(-skew_s * *turn_rad_per_s), {}};
   }
