@@ -27,6 +27,10 @@ bool covers(const DynamicMask& mask, int width, int height) {
          mask.rows * mask.cell_px >= height;
 }
 
+std::size_t blocks_of(const Config::Map& config) {
+  return static_cast<std::size_t>(config.capacity_voxels / kBlockVoxels);
+}
+
 }  // namespace
 
 VoxelMap::VoxelMap(Arena& arena, const Config::Map& config, const CameraModel& camera, const RayTable& rays,
@@ -37,7 +41,7 @@ VoxelMap::VoxelMap(Arena& arena, const Config::Map& config, const CameraModel& c
       row_step_(std::max(1, static_cast<int>(camera.fy * config.voxel_m / config.max_range_m / 2))),
       evicted_(evicted),
       free_space_(arena, camera, rays, config.voxel_m, config.max_range_m),
-      table_(arena, static_cast<std::size_t>(config.capacity_voxels / kBlockVoxels), &free_space_, evicted),
+      table_(arena, blocks_of(config), &free_space_, evicted),
       measured_(arena, camera, config.max_range_m),
       trail_(arena, camera, rays),
       fuser_(arena, camera, rays, &trail_, config.voxel_m),
@@ -46,7 +50,9 @@ VoxelMap::VoxelMap(Arena& arena, const Config::Map& config, const CameraModel& c
       row_y_(arena.take<std::int32_t>("map_row_y", static_cast<std::size_t>(camera.width))),
       row_z_(arena.take<std::int32_t>("map_row_z", static_cast<std::size_t>(camera.width))),
       row_begins_(arena.take<std::int32_t>("map_row_begins", static_cast<std::size_t>(camera.width))),
-      runs_(arena.take<Run>("map_row_runs", static_cast<std::size_t>(camera.width) + 1)) {}
+      runs_(arena.take<Run>("map_row_runs", static_cast<std::size_t>(camera.width) + 1)),
+      points_mark_(arena.take<std::uint16_t>("map_points_mark", blocks_of(config))),
+      with_points_(arena.take<int>("map_with_points", blocks_of(config))) {}
 
 FuseOutcome VoxelMap::fuse(const FuseInput& input) {
   if (const FuseOutcome wrong = check(input); wrong != FuseOutcome::Fused) return wrong;
@@ -57,22 +63,29 @@ FuseOutcome VoxelMap::fuse(const FuseInput& input) {
   mark_points(input, frame_mark);
   fuser_.begin_frame(input.T_map_camera_depth, input.T_map_camera_colour, measured_.z_m(), input.colour,
                      config_.max_range_m, frame_mark);
-  fuse_blocks(input.sequence);
+  fuse_blocks(input.sequence, frame_mark);
   free_space_.see(input.T_map_camera_depth, measured_.z_m());
   corrector_.note({input.anchor_keyframe, input.T_map_keyframe, input.T_map_camera_depth,
                    input.T_map_camera_colour, measured_.z_m(), input.colour, input.sequence});
   return FuseOutcome::Fused;
 }
 
-void VoxelMap::fuse_blocks(std::uint64_t sequence) {
-  int room = kMostBlocksFused;
-  for (int looked_at = 0, i = next_block_; looked_at < table_.size() && room > 0; ++looked_at, ++i) {
-    if (i >= table_.size()) i = 0;
+void VoxelMap::fuse_blocks(std::uint64_t sequence, std::uint16_t frame_mark) {
+  const auto fuse = [&](int i) {
     const Block& block = table_.block(i);
-    if (block.state != BlockState::Current || !fuser_.may_tell(block.at)) continue;
     const BlockFuser::Change change = fuser_.fuse(block.at, table_.voxels(i));
     table_.note_fused(i, sequence, change.shown, block.occupied + change.occupied);
     if (change.known) table_.publish(i);
+  };
+  const std::size_t points_in = with_points_.size(), first = std::min(points_in, kMostBlocksFused);
+  for (std::size_t n = 0; n < first; ++n) fuse(with_points_[next_with_points_++ % points_in]);
+  std::size_t room = kMostBlocksFused - first;
+  for (int looked_at = 0, i = next_block_; looked_at < table_.size() && room > 0; ++looked_at, ++i) {
+    if (i >= table_.size()) i = 0;
+    const Block& block = table_.block(i);
+    const bool done = points_mark_[static_cast<std::size_t>(i)] == frame_mark;
+    if (done || block.state != BlockState::Current || !fuser_.may_tell(block.at)) continue;
+    fuse(i);
     if (--room == 0) next_block_ = i + 1;
   }
 }
@@ -136,6 +149,7 @@ void VoxelMap::mark_points(const FuseInput& input, std::uint16_t frame_mark) {
   BlockCoordinates at;
   int index = BlockTable::kNone;
   bool have_block = false;
+  with_points_.clear();
   for (int y = static_cast<int>(fused_frames_ % static_cast<std::uint64_t>(row_step_)); y < camera_.height;
        y += row_step_) {
     place_row(y, input.T_map_camera_depth);
@@ -149,6 +163,9 @@ void VoxelMap::mark_points(const FuseInput& input, std::uint16_t frame_mark) {
         at = around;
         have_block = true;
         index = table_.find_or_add(at, input.anchor_keyframe);
+        if (index != BlockTable::kNone &&
+            std::exchange(points_mark_[static_cast<std::size_t>(index)], frame_mark) != frame_mark)
+          static_cast<void>(with_points_.try_push_back(index));
       }
       if (index == BlockTable::kNone) continue;
       points += here;

@@ -52,9 +52,11 @@ class VoxelMap {
   /// The far end of the map: voxel coordinates stay well inside 32 bits at any voxel size that the
   /// configuration takes.
   static constexpr double kMaxDistance_m = 1e6;
-  /// Of a view that shows more, this many blocks are fused, and with the next frame those after them: what
-  /// bounds a frame's time. On fr1_rpy one fused frame in ten has more.
-  static constexpr int kMostBlocksFused = 320;
+  /// Of a view that shows more, this many blocks are fused, which bounds a frame's time: those with points of
+  /// the frame first, since a camera that turns fast may not see them again. What is only seen through waits
+  /// its turn, a few frames at most. On fr1_rpy one fused frame in five shows more, and one in ninety more
+  /// with points.
+  static constexpr std::size_t kMostBlocksFused = 240;
 
   /// `rays` must be of this camera and outlive the map, and so must `evicted`, which gets the blocks that
   /// give way; null: they are lost.
@@ -106,7 +108,7 @@ class VoxelMap {
  private:
   FuseOutcome check(const FuseInput& input) const;
   void mark_points(const FuseInput& input, std::uint16_t frame_mark);
-  void fuse_blocks(std::uint64_t sequence);
+  void fuse_blocks(std::uint64_t sequence, std::uint16_t frame_mark);
   void place_row(int y, const Pose& T_map_camera);
   /// Neighbouring points of a picture row that lie in one voxel.
   struct Run {
@@ -133,7 +135,10 @@ class VoxelMap {
   // before.
   std::span<std::int32_t> row_x_, row_y_, row_z_, row_begins_;
   std::span<Run> runs_;
-  int next_block_ = 0;  // to begin with
+  std::span<std::uint16_t> points_mark_;  // of each block: of the frame whose points it last held
+  ArenaVector<int> with_points_;          // the blocks that hold points of this frame
+  std::size_t next_with_points_ = 0;      // to begin with, modulo their number
+  int next_block_ = 0;                    // of the others, to begin with
   std::uint64_t fused_frames_ = 0, reduced_frames_ = 0, marks_ = 0;
   double reduction_sum_ = 0;
 };

@@ -234,22 +234,45 @@ TEST(VoxelMap, rows_are_gone_through_in_turn_where_a_voxel_is_several_high) {
   EXPECT_GT(used.back(), 0u);
 }
 
+/// How many blocks were fused last with a frame, of those whose z, in blocks, is this.
+int blocks_fused(const VoxelMap& map, std::uint64_t sequence, int z) {
+  int blocks = 0;
+  for (int i = 0; i < map.blocks().size(); ++i) {
+    const Block& block = map.blocks().block(i);
+    blocks += block.at.z == z && block.fused_sequence == sequence ? 1 : 0;
+  }
+  return blocks;
+}
+
 TEST(VoxelMap, a_view_of_more_blocks_than_a_frame_fuses_is_fused_in_turn) {
   Config::Map config;
   config.voxel_m = 0.02;
   MapUnderTest t(small_camera(), config);
-  const auto fused_in = [&](std::uint64_t sequence) {
-    int blocks = 0;
-    for (int i = 0; i < t.map().blocks().size(); ++i)
-      blocks += t.map().blocks().block(i).fused_sequence == sequence ? 1 : 0;
-    return blocks;
-  };
+  const int z = 18;  // blocks of 16 cm
   t.see(wall(3.01));
   ASSERT_GT(t.map().blocks().size(), VoxelMap::kMostBlocksFused);
-  EXPECT_EQ(fused_in(1), VoxelMap::kMostBlocksFused);
+  EXPECT_EQ(blocks_fused(t.map(), 1, z), VoxelMap::kMostBlocksFused);
   t.see(wall(3.01));
-  EXPECT_EQ(fused_in(2), VoxelMap::kMostBlocksFused);
-  EXPECT_EQ(fused_in(0), 0) << "the second frame begins where the first ended";
+  EXPECT_EQ(blocks_fused(t.map(), 2, z), VoxelMap::kMostBlocksFused);
+  EXPECT_EQ(blocks_fused(t.map(), 0, z), 0) << "the second frame begins where the first ended";
+}
+
+TEST(VoxelMap, what_is_only_seen_through_waits_where_a_view_is_of_more_blocks_than_a_frame_fuses) {
+  Config::Map config;
+  config.voxel_m = 0.02;
+  MapUnderTest t(small_camera(), config);
+  const int near = 10, far = 12;  // blocks of 16 cm
+  t.see(wall(1.69));
+  const int wall_then = blocks_fused(t.map(), 1, near);
+  t.see(wall(2.01));
+  const int wall_now = blocks_fused(t.map(), 2, far), seen_through = blocks_fused(t.map(), 2, near);
+  ASSERT_LT(wall_now, VoxelMap::kMostBlocksFused);
+  ASSERT_GT(wall_now + wall_then, VoxelMap::kMostBlocksFused);
+  EXPECT_EQ(blocks_fused(t.map(), 0, far), 0) << "all that has points";
+  EXPECT_EQ(wall_now + seen_through, VoxelMap::kMostBlocksFused);
+  t.see(wall(2.01), {}, 5);
+  EXPECT_EQ(blocks_fused(t.map(), 7, far), wall_now);
+  EXPECT_EQ(blocks_fused(t.map(), 1, near), 0) << "the others' turn has come";
 }
 
 TEST(VoxelMap, bad_input_is_refused_and_changes_nothing) {
