@@ -53,6 +53,7 @@ ViewMatcher::ViewMatcher(Arena& arena, const Config::Track& config, const Camera
       best_of_b_(arena.take<Best>("view_matcher.best_b", Keyframe::kMaxFeatures)),
       pairs_(arena.take<Pair>("view_matcher.pairs", Keyframe::kMaxFeatures)),
       order_(arena.take<std::uint16_t>("view_matcher.order", Keyframe::kMaxFeatures)),
+      in_order_(arena.take<Descriptor>("view_matcher.descriptors", Keyframe::kMaxFeatures)),
       observations_(arena.take<PoseObservation>("view_matcher.observations", Keyframe::kMaxFeatures)) {
   double scale = 1;
   for (double& s : scales_) {
@@ -90,15 +91,18 @@ void ViewMatcher::compare(const Keyframe& a, const Keyframe& b) {
   std::ranges::sort(order_, [&](std::uint16_t i, std::uint16_t j) {
     return std::pair(size_at(i), i) < std::pair(size_at(j), j);
   });
+  for (std::size_t k = 0; k < order_.size(); ++k) in_order_[k] = b.descriptors[order_[k]];
   for (std::size_t i = 0; i < a.features.size(); ++i) {
     if (a.features[i].depth_m <= 0) continue;
     const Descriptor d = a.descriptors[i];
     const float size = size_m(a.features[i]);
-    const auto first = std::ranges::lower_bound(order_, size / kSameSize, {}, size_at);
-    for (auto it = first; it != order_.end() && size_at(*it) < size * kSameSize; ++it) {
-      const std::uint16_t j = *it;
-      const int distance = hamming(d, b.descriptors[j]);
+    const auto from = [&](float least) {
+      return static_cast<std::size_t>(std::ranges::lower_bound(order_, least, {}, size_at) - order_.begin());
+    };
+    for (std::size_t k = from(size / kSameSize), end = from(size * kSameSize); k < end; ++k) {
+      const int distance = hamming(d, in_order_[k]);
       if (distance >= kRivalDistance) continue;
+      const std::uint16_t j = order_[k];
       note(best_of_a_[i], distance, j);
       note(best_of_b_[j], distance, i);
     }

@@ -75,6 +75,7 @@ class ViewMatcher {
   std::span<Best> best_of_a_, best_of_b_;
   ArenaVector<Pair> pairs_;
   ArenaVector<std::uint16_t> order_;  // of a keyframe's features, as the step at work needs them
+  std::span<Descriptor> in_order_;  // its descriptors in that order, as they are compared one after the other
   ArenaVector<PoseObservation> observations_;
 };
 
