@@ -207,5 +207,53 @@ TEST(Tracker, KnowsOfAJerkBeforeItReadsDepthAndLabels) {
   EXPECT_GT(right_label, at_edge * 85 / 100);
 }
 
+/// A camera that turns evenly, whose rows are exposed one after the other, in three bands here; depth as
+/// sensors give it, of one instant.
+TEST(Tracker, ReadsDepthWhereAnInstantsPictureWouldHaveTheCorner) {
+  constexpr Nanoseconds kFrame_ns = 33'333'333;
+  constexpr int kStep = 4, kFrames = 5;  // of the rendered log's frames, one each frame
+  constexpr std::ptrdiff_t kBand_px = 160 * 640;
+  synthetic::SyntheticLog log({.seed = 6, .people = 0, .path = PathKind::Rotate});
+  Arena arena(std::size_t{160} << 20);
+  Config config = test::synthetic_config();
+  config.camera.readout_s = 3.0 / kStep / 30;
+  Tracker tracker(arena, config);
+  std::vector<Scene> bands;
+  TrackingResult result;
+  for (int i = 0; i < kFrames; ++i) {
+    bands.clear();
+    for (int band = 0; band < 3; ++band) bands.emplace_back(log, 10 + kStep * i + band);
+    std::vector<Bgr> colour;
+    for (int band = 0; band < 3; ++band)
+      std::copy_n(bands[band].truth.colour.begin() + band * kBand_px, kBand_px, std::back_inserter(colour));
+    FrameSlot slot = bands[1].slot(static_cast<std::uint64_t>(i));
+    slot.colour = {colour.data(), 640, 480, 640};
+    slot.colour_ns = slot.depth_ns = (i + 1) * kFrame_ns;
+    result = tracker.track(slot, bands[1].mask());
+    ASSERT_TRUE(result.has_pose());
+  }
+  const CameraModel camera = synthetic::SyntheticLog::camera();
+  const Scene& instant = bands[1];
+  const auto depth_m = [&](Vec2 pixel) {
+    return camera.depth_m(instant.depth().at(std::clamp(static_cast<int>(pixel.x), 0, 639),
+                                             std::clamp(static_cast<int>(pixel.y), 0, 479)));
+  };
+  int seen = 0, right_depth = 0;
+  for (const Feature& f : tracker.features()) {
+    const double truth_m = depth_m({f.x, f.y});
+    const Pose T_band_instant = inverse(bands[static_cast<std::size_t>(f.y) / 160].truth.T_world_camera) *
+                                instant.truth.T_world_camera;
+    const double as_exposed_m =
+        depth_m(camera.project(T_band_instant * (truth_m * Vec3{f.ray_x, f.ray_y, 1})));
+    // Where it makes a difference.
+    if (f.depth_m == 0 || truth_m == 0 || std::abs(as_exposed_m - truth_m) < 0.06 * truth_m) continue;
+    ++seen;
+    right_depth += std::abs(f.depth_m - truth_m) < 0.03 * truth_m ? 1 : 0;
+  }
+  ASSERT_GT(seen, 30);
+  EXPECT_GT(right_depth, seen * 90 / 100);
+  EXPECT_GT(result.matches, 360) << "315 with rows as they come";
+}
+
 }  // namespace
 }  // namespace stillmap
