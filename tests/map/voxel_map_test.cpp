@@ -224,7 +224,7 @@ TEST(VoxelMap, rows_are_gone_through_in_turn_where_a_voxel_is_several_high) {
   for (int y = 0; y < 120; ++y) {
     if (y != 60) std::fill_n(p.depth.begin() + 160 * y, 160, std::uint16_t{0});
   }
-  std::vector<std::size_t> used;
+  std::vector<std::uint64_t> used;
   for (int frame = 0; frame < 2; ++frame) {
     ASSERT_EQ(t.map().fuse(t.input(p, {})), FuseOutcome::Fused);
     used.push_back(t.map().usage().high_water);
