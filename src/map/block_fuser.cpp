@@ -129,7 +129,9 @@ void BlockFuser::fuse_row(Vec3 begin_map, const Point& begin, const Point& step,
   for (std::size_t i = 0; i < kBlockEdge; ++i) {
     Voxel& voxel = voxels[i];
     const bool holds_any = voxel.last_hit == frame_mark_;
-    if (pixels.u[i] < 0 || (by_depth[i] == 0 && !holds_any)) continue;
+    // Air that is as sure as can be is not written again.
+    const bool settled = by_depth[i] == kFree && voxel.log_odds == Voxel::kMin;
+    if (pixels.u[i] < 0 || ((by_depth[i] == 0 || settled) && !holds_any)) continue;
     const float s = static_cast<float>(i);
     const Point p{begin[0] + s * step[0], begin[1] + s * step[1], begin[2] + s * step[2]};
     const Occupancy before = voxel.occupancy();
