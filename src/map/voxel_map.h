@@ -54,7 +54,7 @@ class VoxelMap {
   static constexpr double kMaxDistance_m = 1e6;
   /// Of a view that shows more, this many blocks are fused, which bounds a frame's time: those with points of
   /// the frame first, since a camera that turns fast may not see them again. What is only seen through waits
-  /// its turn; with fewer than 280 blocks it waits so long that what has gone fades too late.
+  /// its turn; with 260 blocks it waits so long that what has gone fades too late.
   static constexpr std::size_t kMostBlocksFused = 280;
 
   /// `rays` must be of this camera and outlive the map, and so must `evicted`, which gets the blocks that

@@ -5,6 +5,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
+#include <vector>
 
 #include "tests/support/heap_calls.h"
 #include "tracker_scene.h"
