@@ -90,11 +90,13 @@ void ObjectGrowth::spread() {
       const int x = column + dx, y = row + dy;
       if (!cells_.around.contains(x, y)) continue;
       for (int i = 0; i < kLayers; ++i) {
+        const std::size_t there = node_of(x, y, i);
+        if (cost_mm_[there] <= cost_mm_[node] + kStepMm) continue;  // most: the surroundings' own
         const DepthLayer& next = grid_.at(x, y)[static_cast<std::size_t>(i)];
         if (next.samples == 0 || next.near_mm > here.far_mm + gap_mm || next.far_mm < here.near_mm - gap_mm)
           continue;
         const int change_mm = std::abs(next.middle_mm() - here.middle_mm());
-        give(node_of(x, y, i), cost_mm_[node] + change_mm + kStepMm, owner_[node]);
+        give(there, cost_mm_[node] + change_mm + kStepMm, owner_[node]);
       }
     }
   }

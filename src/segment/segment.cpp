@@ -2,6 +2,7 @@
 #include "segment/segment.h"
 
 #include <algorithm>
+#include <cstddef>
 #include <limits>
 
 #include "core/check.h"
@@ -12,6 +13,9 @@
 namespace stillmap {
 
 namespace {
+
+// Both live on the stack of a stage's thread, which has 256 KB and masks and frames on it.
+static_assert(sizeof(DepthLayers) + sizeof(ObjectGrowth) <= std::size_t{128} << 10);
 
 /// How far an object may stand out of its box, as a share of the box's larger side.
 constexpr double kBeyondBox = 0.12;
