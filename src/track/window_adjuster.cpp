@@ -132,6 +132,22 @@ void eliminate(const PointSystem& system, CameraMatrix& S, CameraVector& g) {
   }
 }
 
+/// Groups the looks by point, and leaves out those of points that one view sees: they tell nothing of where
+/// the views are.
+void group_by_point(ArenaVector<WindowObservation>& observations) {
+  std::sort(observations.begin(), observations.end(),
+            [](const WindowObservation& a, const WindowObservation& b) {
+              return a.point != b.point ? a.point < b.point : a.view < b.view;
+            });
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < observations.size(); ++i) {
+    const bool shared = (i > 0 && observations[i - 1].point == observations[i].point) ||
+                        (i + 1 < observations.size() && observations[i + 1].point == observations[i].point);
+    if (shared) observations[kept++] = observations[i];
+  }
+  observations.resize_down(kept);
+}
+
 /// Calls `visit(point index, its observations)` for each point.
 template <class Visit>
 void for_each_point(std::span<WindowObservation> all, Visit&& visit) {
@@ -163,6 +179,7 @@ WindowAdjuster::WindowAdjuster(Arena& arena, const CameraModel& camera)
     : camera_(camera), tried_points_(arena.take<Vec3>("window.tried_points", AdjustmentWindow::kPoints)) {}
 
 void WindowAdjuster::adjust(AdjustmentWindow& window) {
+  group_by_point(window.observations);
   const auto free_views =
       std::count_if(window.views.begin(), window.views.end(), [](const WindowView& v) { return !v.fixed; });
   const auto size = 6 * static_cast<Eigen::Index>(free_views);

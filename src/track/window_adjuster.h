@@ -37,7 +37,7 @@ struct WindowPoint {
 };
 
 /// A copy of the part of the local map that is adjusted together, so that it can be worked on while the map
-/// goes on. Observations are grouped by point.
+/// goes on.
 struct AdjustmentWindow {
   static constexpr std::size_t kViews = 16, kFreeViews = 8, kPoints = 1500, kObservations = 9000;
   explicit AdjustmentWindow(Arena& arena)
@@ -46,8 +46,8 @@ struct AdjustmentWindow {
 
   FixedVector<WindowView, kViews> views;  ///< those that are free first, the newest at the front
   ArenaVector<WindowPoint> points;
-  ArenaVector<WindowObservation> observations;
-  double cost_before = 0, cost_after = 0;  ///< sums of the robust squared whitened residuals
+  ArenaVector<WindowObservation> observations;  ///< in any order; adjusting groups them by point
+  double cost_before = 0, cost_after = 0;       ///< sums of the robust squared whitened residuals
 };
 
 /// Adjusts the window's free poses and points together: Levenberg-Marquardt over reprojection and depth, the

@@ -12,17 +12,6 @@ namespace {
 constexpr int kFewestShared = 30;
 constexpr std::uint16_t kAbsent = 0xffff, kSeenByNewest = 0xfffe;
 
-/// A point that one view sees tells nothing of where the views are. Observations are grouped by point.
-void drop_single_looks(ArenaVector<WindowObservation>& observations) {
-  std::size_t kept = 0;
-  for (std::size_t i = 0; i < observations.size(); ++i) {
-    const bool shared = (i > 0 && observations[i - 1].point == observations[i].point) ||
-                        (i + 1 < observations.size() && observations[i + 1].point == observations[i].point);
-    if (shared) observations[kept++] = observations[i];
-  }
-  observations.resize_down(kept);
-}
-
 struct Sharing {
   std::uint16_t slot = 0;
   std::uint32_t id = 0;
@@ -103,11 +92,6 @@ bool WindowSelector::select(LocalMap& map, const FeatureExtractor& extractor, Ad
                                                            static_cast<float>(sigma_depth)}));
     }
   }
-  std::sort(window.observations.begin(), window.observations.end(),
-            [](const WindowObservation& a, const WindowObservation& b) {
-              return a.point != b.point ? a.point < b.point : a.view < b.view;
-            });
-  drop_single_looks(window.observations);
   return !window.observations.empty();
 }
 
