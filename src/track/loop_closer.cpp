@@ -7,11 +7,11 @@ namespace stillmap {
 
 namespace {
 
-constexpr std::uint32_t kApart = 15;  // keyframes between the two ends of a loop
-constexpr int kTied = 15;             // shared points that already hold two keyframes together
-constexpr std::size_t kVotersPerFrame = 100;
-constexpr int kFewestResembling = 8;       // features, for a candidate
-constexpr std::uint32_t kSuccessive = 10;  // keyframes within which the next one must confirm
+constexpr std::uint32_t kApart = 15;             // keyframes between the two ends of a loop
+constexpr int kTied = 15;                        // shared points that already hold two keyframes together
+constexpr std::uint64_t kVisitsPerFrame = 8000;  // of the place index: some 0.7 ms
+constexpr int kFewestResembling = 8;             // features, for a candidate
+constexpr std::uint32_t kSuccessive = 10;        // keyframes within which the next one must confirm
 
 // Two sightings of one place differ by their own errors and by the odometry between them.
 constexpr double kOff_m = 0.06, kOff_rad = 0.05, kOdometryShare = 0.05;
@@ -62,7 +62,7 @@ void LoopCloser::gather(const LocalMap& map) {
   if (!gathering_) return;
   const Keyframe* a = find(map, asking_);
   if (a == nullptr) return end_question();  // the ring has given its slot to another keyframe
-  if (!query_.vote(kVotersPerFrame)) return;
+  if (!query_.vote(kVisitsPerFrame)) return;
   gathering_ = false;
   mark_points(*a);
   for (const PlaceCandidate& c : query_.ranked()) {

@@ -111,9 +111,9 @@ void PlaceQuery::begin(std::span<const Descriptor> frame) {
   std::ranges::fill(votes_, Votes{});
 }
 
-bool PlaceQuery::vote(std::size_t features) {
-  const std::size_t end = voted_ + std::min(features, frame_.size() - voted_);
-  while (voted_ < end) {
+bool PlaceQuery::vote(std::uint64_t visits) {
+  const std::uint64_t before = visited_;
+  while (voted_ < frame_.size() && visited_ - before < visits) {
     const Descriptor& d = frame_[voted_++];
     resembled_.clear();
     index_.for_each_alike(d, [&](std::size_t slot, const Descriptor& other) {

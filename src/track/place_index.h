@@ -4,6 +4,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <span>
 
 #include "core/arena.h"
@@ -104,14 +105,14 @@ class PlaceQuery {
   /// Best score first, ties by slot. Valid until the next call.
   std::span<const PlaceCandidate> ask(std::span<const Descriptor> frame) {
     begin(frame);
-    vote(frame.size());
+    vote(std::numeric_limits<std::uint64_t>::max());
     return ranked();
   }
   /// The same bit by bit: the descriptors must stay as they are until all have voted. A keyframe that is
   /// inserted meanwhile has the votes of what was in its slot before, too.
   void begin(std::span<const Descriptor> frame);
-  /// The next `features` vote. True once all have.
-  bool vote(std::size_t features);
+  /// The next features vote, until `visits` more have been met in buckets. True once all have voted.
+  bool vote(std::uint64_t visits);
   std::span<const PlaceCandidate> ranked();
 
   /// Features that have been met in buckets: what its time is made of.
