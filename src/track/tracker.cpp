@@ -17,7 +17,7 @@ constexpr std::size_t kFeatureCapacity = Keyframe::kMaxFeatures;
 constexpr double kSteady_s = 0.15;   // between two frames, for the turn to be as fast in the later one
 constexpr double kLong_s = 0.1;      // between two frames, for a motion model to say little of the later one
 constexpr int kFewestToStart = 100;  // points of the first keyframe
-constexpr std::size_t kPlacesPerTry = 2;     // keyframes compared per lost frame, beside the newest
+constexpr std::size_t kPlacesPerTry = 3;     // keyframes compared per lost frame
 constexpr std::size_t kPlaceFeatures = 500;  // of a keyframe, that the place index goes by
 constexpr Nanoseconds kKeyframeGap_ns = 60'000'000;
 constexpr Nanoseconds kLongestBridge_ns = 200'000'000;  // since the last frame found by points
@@ -247,14 +247,9 @@ bool Tracker::found_by(Keyframe& keyframe) {
 }
 
 bool Tracker::relocalize() {
-  // The newest keyframe first: most often the camera has only jumped. Then those that look most alike.
-  Keyframe* newest = map_.newest_keyframe();
-  if (newest != nullptr && found_by(*newest)) return true;
   std::size_t tried = 0;
   for (const PlaceCandidate& place : like_this_.ask(frame_.descriptors)) {
-    Keyframe& keyframe = map_.keyframes()[place.slot];
-    if (&keyframe == newest) continue;
-    if (found_by(keyframe)) return true;
+    if (found_by(map_.keyframes()[place.slot])) return true;
     if (++tried == kPlacesPerTry) break;
   }
   return false;
