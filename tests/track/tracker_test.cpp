@@ -226,8 +226,8 @@ TEST(Tracker, ReadsDepthWhereAnInstantsPictureWouldHaveTheCorner) {
     bands.clear();
     for (int band = 0; band < 3; ++band) bands.emplace_back(log, 10 + kStep * i + band);
     std::vector<Bgr> colour;
-    for (int band = 0; band < 3; ++band)
-      std::copy_n(bands[band].truth.colour.begin() + band * kBand_px, kBand_px, std::back_inserter(colour));
+    for (const Scene& band : bands)
+      std::copy_n(band.truth.colour.begin() + std::ssize(colour), kBand_px, std::back_inserter(colour));
     FrameSlot slot = bands[1].slot(static_cast<std::uint64_t>(i));
     slot.colour = {colour.data(), 640, 480, 640};
     slot.colour_ns = slot.depth_ns = (i + 1) * kFrame_ns;
