@@ -37,7 +37,7 @@ Vec2 CameraModel::project(Vec3 p) const {
 
 Vec2 CameraModel::undistort(Vec2 pixel) const {
   const double u = (pixel.x - cx) / fx, v = (pixel.y - cy) / fy;
-  // Newton's method from the picture itself: three rounds or four for the lenses of robots' cameras.
+  // Newton's method from the picture itself: two or three rounds for TUM's lenses, which bend much.
   constexpr int kMostRounds = 20;
   constexpr double kSettled = 1e-9;
   double x = u, y = v;
