@@ -14,11 +14,9 @@ namespace {
 
 // The prediction may be wrong by a jerk of the hand; once solved, only noise is left.
 constexpr SearchWindow kAroundPrediction{.radius_px = 16, .max_distance = 70, .depth_share = 0.15};
-constexpr SearchWindow kWide{.radius_px = 48, .max_distance = 60, .depth_share = 0.25};
 constexpr SearchWindow kAroundSolution{.radius_px = 5, .max_distance = 80, .depth_share = 0.08};
-constexpr std::uint64_t kMoment = 30;  // frames
-constexpr int kSurely = 100;           // inliers that no wrong pose has
-constexpr int kPoor = 80;              // fewer, after a frame with thrice as many: perhaps a wrong one
+constexpr int kSurely = 100;  // inliers that no wrong pose has
+constexpr int kPoor = 80;     // fewer, after a frame with thrice as many: perhaps a wrong one
 
 /// But for the noise of a pose that few points hold.
 bool same(const Pose& a, const Pose& b) {
@@ -72,27 +70,22 @@ bool Localizer::search(const PoseGuess& guess) {
   // and else to what most speaks for.
   best_.estimate = {};
   if (found) keep_best();
-  const auto inliers_from = [&](const SearchWindow& window, const Pose& from) {
-    if (!project_and_solve(window, from)) return 0;
+  const auto inliers_around = [&](const Pose& T_odom_camera) {
+    if (!around(T_odom_camera)) return 0;
     if (estimate_.inliers > best_.estimate.inliers) keep_best();
     return estimate_.inliers;
   };
   if (guess.aligned && !same(*guess.aligned, guess.T_odom_camera)) {
     const Pose first = T_odom_camera_;
-    const int inliers = inliers_from(kAroundPrediction, *guess.aligned);
+    const int inliers = inliers_around(*guess.aligned);
     if (inliers >= kSurely) return true;
     // Two guesses lead to one place: it is the right one, there is only little to see.
     if (found && inliers > 0 && same(first, T_odom_camera_)) return true;
   }
-  // Wider, for what was in view a moment ago: all points would take several times as long.
-  SearchWindow wide = kWide;
-  wide.found_since = sequence_ - std::min(sequence_, kMoment);
-  if (inliers_from(wide, guess.T_odom_camera) >= kSurely) return true;
   // Wherever it may be, after a step of which no motion model knows.
   if (guess.long_step) {
     const std::optional<FoundPose> by_newest = find_by(*map_.newest_keyframe());
-    if (by_newest && inliers_from(kAroundPrediction, inverse(by_newest->T_camera_odom)) >= kSurely)
-      return true;
+    if (by_newest && inliers_around(inverse(by_newest->T_camera_odom)) >= kSurely) return true;
   }
   if (best_.estimate.inliers == 0) return false;
   estimate_ = best_.estimate;
@@ -115,7 +108,8 @@ std::optional<FoundPose> Localizer::find_by(const Keyframe& keyframe) {
 }
 
 bool Localizer::around(const Pose& T_odom_camera) {
-  return project_and_solve(kAroundPrediction, T_odom_camera);
+  matcher_.project(map_, inverse(T_odom_camera));
+  return match_and_solve(kAroundPrediction, T_odom_camera);
 }
 
 bool Localizer::refine() {

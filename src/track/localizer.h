@@ -41,7 +41,7 @@ class Localizer {
   /// people.
   void begin(std::uint64_t sequence, Nanoseconds stamp_ns, const std::optional<PosePrior>& prior,
              bool movers_known);
-  /// From the frame before: around the guess, and ever wider where that finds little.
+  /// From the frame before: around the guess, and where that finds little, around what else may be.
   bool follow(const PoseGuess& guess);
   /// Where one keyframe says that the camera is: to be confirmed by `around`.
   std::optional<FoundPose> find_by(const Keyframe& keyframe);
@@ -66,10 +66,6 @@ class Localizer {
   bool search(const PoseGuess& guess);
   void keep_best();
   bool match_and_solve(const SearchWindow& window, const Pose& T_odom_camera);
-  bool project_and_solve(const SearchWindow& window, const Pose& T_odom_camera) {
-    matcher_.project(map_, inverse(T_odom_camera));
-    return match_and_solve(window, T_odom_camera);
-  }
 
   const Config config_;
   const bool weighs_trust_, samples_;

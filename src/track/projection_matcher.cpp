@@ -77,7 +77,6 @@ int ProjectionMatcher::match(const LocalMap& map, const FrameFeatures& frame, co
   int count = 0;
   for (const Candidate& c : candidates_) {
     const MapPoint& point = map.points()[static_cast<std::size_t>(c.slot)];
-    if (point.last_found_sequence < window.found_since) continue;
     int best = 257, second = 257;
     std::size_t best_feature = 0;
     int best_octave = -1, second_octave = -1;

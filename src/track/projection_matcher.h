@@ -25,7 +25,6 @@ struct SearchWindow {
   int max_distance = 64;     ///< Hamming, of 256
   bool any_label = false;    ///< match Dynamic and Unknown features too
   double depth_share = 0.1;  ///< a feature whose depth differs by more than this share of it is another thing
-  std::uint64_t found_since = 0;  ///< only points that were found in this frame or a later one
 };
 
 /// Finds map points in a frame by projecting them with a predicted pose. Used by one thread; no heap after

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/fixed_vector.h"
 #include "track/grey.h"
 #include "track/keyframe_file.h"
 #include "track/pose_covariance.h"
@@ -14,10 +15,11 @@ namespace stillmap {
 namespace {
 
 constexpr std::size_t kFeatureCapacity = Keyframe::kMaxFeatures;
-constexpr double kSteady_s = 0.15;   // between two frames, for the turn to be as fast in the later one
-constexpr double kLong_s = 0.1;      // between two frames, for a motion model to say little of the later one
-constexpr int kFewestToStart = 100;  // points of the first keyframe
-constexpr std::size_t kPlacesPerTry = 3;     // keyframes compared per lost frame
+constexpr double kSteady_s = 0.15;    // between two frames, for the turn to be as fast in the later one
+constexpr double kLong_s = 0.1;       // between two frames, for a motion model to say little of the later one
+constexpr int kFewestToStart = 100;   // points of the first keyframe
+constexpr std::uint32_t kBeside = 2;  // keyframes apart, that show nearly the same
+constexpr std::size_t kPlacesPerTry = 2;     // keyframes compared per lost frame
 constexpr std::size_t kPlaceFeatures = 500;  // of a keyframe, that the place index goes by
 constexpr Nanoseconds kKeyframeGap_ns = 60'000'000;
 constexpr Nanoseconds kLongestBridge_ns = 200'000'000;  // since the last frame found by points
@@ -246,11 +248,17 @@ bool Tracker::found_by(Keyframe& keyframe) {
   return sure;
 }
 
+/// Neighbours of a keyframe that did not help show the same from nearly the same place, and mostly fail as it
+/// did: of each neighbourhood one is tried.
 bool Tracker::relocalize() {
-  std::size_t tried = 0;
+  FixedVector<std::uint32_t, kPlacesPerTry> tried;
   for (const PlaceCandidate& place : like_this_.ask(frame_.descriptors)) {
-    if (found_by(map_.keyframes()[place.slot])) return true;
-    if (++tried == kPlacesPerTry) break;
+    Keyframe& keyframe = map_.keyframes()[place.slot];
+    const auto beside = [&](std::uint32_t id) { return id - keyframe.id + kBeside <= 2 * kBeside; };
+    if (std::ranges::any_of(tried, beside)) continue;
+    if (found_by(keyframe)) return true;
+    static_cast<void>(tried.try_push_back(keyframe.id));
+    if (tried.size() == kPlacesPerTry) break;
   }
   return false;
 }

@@ -193,14 +193,5 @@ TEST_F(ProjectionMatcherTest, CountsWhatShouldHaveBeenSeen) {
   EXPECT_EQ(map.find(hole)->visible, 2);
 }
 
-TEST_F(ProjectionMatcherTest, OnlyWhatWasFoundLatelyWhereThatIsAskedFor) {
-  const Vec3 p{0.1, 0.2, 2};
-  const Descriptor d = test::random_descriptor(random);
-  map.find(add_point(p, d))->last_found_sequence = 40;
-  see(p, d);
-  EXPECT_EQ(match({}, {.found_since = 40}), 1);
-  EXPECT_EQ(match({}, {.found_since = 41}), 0);
-}
-
 }  // namespace
 }  // namespace stillmap
