@@ -35,8 +35,9 @@ void WindowSelector::choose_views(LocalMap& map, const Keyframe& newest, Adjustm
     if (!keyframe.alive || keyframe.id == newest.id) continue;
     const auto shared =
         std::count_if(keyframe.features.begin(), keyframe.features.end(), [&](const KeyframeFeature& f) {
-          return map.find(f.point) != nullptr &&
-                 index_of_slot_[static_cast<std::size_t>(f.point.slot)] == kSeenByNewest;
+          return f.point.slot >= 0 &&
+                 index_of_slot_[static_cast<std::size_t>(f.point.slot)] == kSeenByNewest &&
+                 map.find(f.point) != nullptr;
         });
     if (shared < kFewestShared) continue;
     const Sharing entry{static_cast<std::uint16_t>(k), keyframe.id, static_cast<int>(shared)};
