@@ -1,13 +1,31 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "track/relocalizer.h"
 
+#include <algorithm>
+#include <cstdint>
+#include <cstdlib>
+
 namespace stillmap {
 
 namespace {
 
 constexpr int kFewestAgreeing = 10, kFewestInliers = 20;
+constexpr int kNeighbours = 2;  // keyframes apart, at most
 
 }  // namespace
+
+PlacesToTry places_to_try(std::span<const PlaceCandidate> candidates, std::span<const Keyframe> keyframes) {
+  PlacesToTry places;
+  for (const PlaceCandidate& candidate : candidates) {
+    const auto is_neighbour = [&](std::size_t slot) {
+      const auto apart = static_cast<std::int32_t>(keyframes[slot].id - keyframes[candidate.slot].id);
+      return std::abs(apart) <= kNeighbours;
+    };
+    if (std::ranges::any_of(places, is_neighbour)) continue;
+    if (!places.try_push_back(candidate.slot)) break;
+  }
+  return places;
+}
 
 Relocalizer::Relocalizer(Arena& arena, const Config::Track& config, const CameraModel& camera)
     : matcher_(arena, config, camera), frame_(arena.take<Keyframe>("relocalizer.frame", 1)) {}

@@ -1,18 +1,28 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstddef>
 #include <optional>
 #include <span>
 
 #include "core/arena.h"
 #include "core/camera.h"
 #include "core/config.h"
+#include "core/fixed_vector.h"
 #include "core/random.h"
 #include "track/feature_extractor.h"
 #include "track/local_map.h"
+#include "track/place_index.h"
 #include "track/view_matcher.h"
 
 namespace stillmap {
+
+/// Slots of keyframes.
+using PlacesToTry = FixedVector<std::size_t, 2>;
+/// At which keyframes to look for a lost camera: those it most resembles (`candidates`, best first), and no
+/// two that were made right after one another. They show nearly the same: where people stand before one, they
+/// do before the other, and comparing takes half as long as all else of a frame.
+PlacesToTry places_to_try(std::span<const PlaceCandidate> candidates, std::span<const Keyframe> keyframes);
 
 struct FoundPose {
   Pose T_camera_odom;

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/fixed_vector.h"
 #include "track/grey.h"
 #include "track/keyframe_file.h"
 #include "track/pose_covariance.h"
@@ -15,11 +14,9 @@ namespace stillmap {
 namespace {
 
 constexpr std::size_t kFeatureCapacity = Keyframe::kMaxFeatures;
-constexpr double kSteady_s = 0.15;    // between two frames, for the turn to be as fast in the later one
-constexpr double kLong_s = 0.1;       // between two frames, for a motion model to say little of the later one
-constexpr int kFewestToStart = 100;   // points of the first keyframe
-constexpr std::uint32_t kBeside = 2;  // keyframes apart, that show nearly the same
-constexpr std::size_t kPlacesPerTry = 2;     // keyframes compared per lost frame
+constexpr double kSteady_s = 0.15;   // between two frames, for the turn to be as fast in the later one
+constexpr double kLong_s = 0.1;      // between two frames, for a motion model to say little of the later one
+constexpr int kFewestToStart = 100;  // points of the first keyframe
 constexpr std::size_t kPlaceFeatures = 500;  // of a keyframe, that the place index goes by
 constexpr Nanoseconds kKeyframeGap_ns = 60'000'000;
 constexpr Nanoseconds kLongestBridge_ns = 200'000'000;  // since the last frame found by points
@@ -248,19 +245,9 @@ bool Tracker::found_by(Keyframe& keyframe) {
   return sure;
 }
 
-/// Neighbours of a keyframe that did not help show the same from nearly the same place, and mostly fail as it
-/// did: of each neighbourhood one is tried.
 bool Tracker::relocalize() {
-  FixedVector<std::uint32_t, kPlacesPerTry> tried;
-  for (const PlaceCandidate& place : like_this_.ask(frame_.descriptors)) {
-    Keyframe& keyframe = map_.keyframes()[place.slot];
-    const auto beside = [&](std::uint32_t id) { return id - keyframe.id + kBeside <= 2 * kBeside; };
-    if (std::ranges::any_of(tried, beside)) continue;
-    if (found_by(keyframe)) return true;
-    static_cast<void>(tried.try_push_back(keyframe.id));
-    if (tried.size() == kPlacesPerTry) break;
-  }
-  return false;
+  const PlacesToTry places = places_to_try(like_this_.ask(frame_.descriptors), map_.keyframes());
+  return std::ranges::any_of(places, [&](std::size_t slot) { return found_by(map_.keyframes()[slot]); });
 }
 
 /// No point tells where the camera is, but the picture as a whole does, from the frame before: for a moment,

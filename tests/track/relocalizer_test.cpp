@@ -4,6 +4,8 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <initializer_list>
+#include <vector>
 
 #include "posed_scene.h"
 #include "track/depth_sampling.h"
@@ -85,6 +87,24 @@ TEST_F(RelocalizerTest, TheSameRandomGivesTheSamePose) {
   ASSERT_TRUE(a && b);
   EXPECT_EQ(a->T_camera_odom.R.m, b->T_camera_odom.R.m);
   EXPECT_EQ(norm(a->T_camera_odom.t - b->T_camera_odom.t), 0);
+}
+
+TEST(PlacesToTry, TwoThatAreNoNeighbours) {
+  std::vector<Keyframe> keyframes(6);
+  for (std::uint32_t slot = 0; const std::uint32_t id : {7U, 20U, 19U, 18U, 17U, 3U})
+    keyframes[slot++].id = id;
+  const auto places = [&](std::initializer_list<std::size_t> slots) {
+    std::vector<PlaceCandidate> candidates;
+    for (const std::size_t slot : slots) candidates.push_back({.slot = slot});
+    const PlacesToTry chosen = places_to_try(candidates, keyframes);
+    return std::vector<std::size_t>(chosen.begin(), chosen.end());
+  };
+  using Slots = std::vector<std::size_t>;
+  EXPECT_EQ(places({}), Slots{});
+  EXPECT_EQ(places({3}), Slots{3});
+  EXPECT_EQ(places({1, 2, 3, 0, 5}), (Slots{1, 0})) << "19 and 18 are beside 20";
+  EXPECT_EQ(places({2, 1, 3, 4}), Slots{2}) << "on both sides";
+  EXPECT_EQ(places({1, 4, 0}), (Slots{1, 4})) << "17 is three before 20";
 }
 
 }  // namespace
