@@ -2,6 +2,7 @@
 #include "core/config_keys.h"
 
 #include "core/correction.h"
+#include "core/feature.h"
 
 namespace stillmap::config {
 
@@ -116,7 +117,7 @@ std::vector<Key> describe(Config& c) {
        "sampling, adjustment, loops"},
       {"track.dynamic_rule", &c.track.dynamic_rule, "", "\"silhouette\", \"paper\" or \"off\""},
       {"track.features", &c.track.features, "", "corners per frame; a map begins with 100 that have depth",
-       200, 1200},
+       200, kMaxFeatures},
       {"track.levels", &c.track.levels, "", "pyramid levels", 1, 8},
       {"track.scale_factor", &c.track.scale_factor, "", "size ratio of two pyramid levels", 1.05, 1.9},
       {"track.fast_threshold", &c.track.fast_threshold, "grey levels", "corner contrast", 3, 100},

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <bit>
+#include <cstddef>
 #include <cstdint>
 
 #ifdef __ARM_NEON
@@ -13,6 +14,8 @@
 #include "core/geometry.h"
 
 namespace stillmap {
+
+inline constexpr std::size_t kMaxFeatures = 1200;  ///< of one frame, and so of a keyframe
 
 /// 256-bit oriented binary descriptor.
 struct Descriptor {

@@ -37,7 +37,7 @@ struct FeatureRecord {
   Descriptor descriptor;
 };
 static_assert(sizeof(FeatureRecord) == 56);
-static_assert(sizeof(KeyframeRecord) + Keyframe::kMaxFeatures * sizeof(FeatureRecord) <=
+static_assert(sizeof(KeyframeRecord) + kMaxFeatures * sizeof(FeatureRecord) <=
               KeyframeWriter::kLargestRecord);
 
 struct PointRecord {
@@ -112,7 +112,7 @@ bool is_finite(Vec3 v) {
 
 bool is_sound(const KeyframeRecord& record) {
   if (record.id == 0 || record.id > kLargestId || record.segment > kLargestId ||
-      record.features > Keyframe::kMaxFeatures || record.tracked_points > Keyframe::kMaxFeatures ||
+      record.features > kMaxFeatures || record.tracked_points > kMaxFeatures ||
       !is_finite(record.T_map_camera))
     return false;
   const Mat3 rest = transposed(record.T_map_camera.R) * record.T_map_camera.R;

@@ -45,7 +45,6 @@ struct KeyframeFeature {
 };
 
 struct Keyframe {
-  static constexpr std::size_t kMaxFeatures = 1200;
   bool alive = false;
   std::uint32_t id = 0;
   std::uint32_t segment = 0;  ///< to which it belongs

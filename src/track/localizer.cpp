@@ -38,10 +38,10 @@ Localizer::Localizer(Arena& arena, const Config& config, LocalMap& map, const Fr
       extractor_(extractor),
       matcher_(arena, config.track, config.camera),
       relocalizer_(arena, config.track, config.camera),
-      matches_(arena.take<FeatureMatch>("matches", Keyframe::kMaxFeatures)),
-      best_{{}, 0, arena.take<FeatureMatch>("matches.best", Keyframe::kMaxFeatures)},
-      observations_(arena.take<PoseObservation>("pose_observations", Keyframe::kMaxFeatures)),
-      observed_feature_(arena.take<std::uint16_t>("pose_observations.feature", Keyframe::kMaxFeatures)) {}
+      matches_(arena.take<FeatureMatch>("matches", kMaxFeatures)),
+      best_{{}, 0, arena.take<FeatureMatch>("matches.best", kMaxFeatures)},
+      observations_(arena.take<PoseObservation>("pose_observations", kMaxFeatures)),
+      observed_feature_(arena.take<std::uint16_t>("pose_observations.feature", kMaxFeatures)) {}
 
 void Localizer::begin(std::uint64_t sequence, Nanoseconds stamp_ns, const std::optional<PosePrior>& prior,
                       bool movers_known) {

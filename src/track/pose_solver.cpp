@@ -6,9 +6,9 @@
 #include <cmath>
 #include <optional>
 
+#include "core/feature.h"
 #include "core/fixed_vector.h"
 #include "track/least_squares.h"
-#include "track/local_map.h"
 #include "track/rigid_consensus.h"
 
 namespace stillmap {
@@ -111,7 +111,7 @@ double agreeing_share(std::span<const PoseObservation> observations, const Camer
 /// The pose that the largest share agrees with, if more than `share_to_beat`.
 std::optional<Pose> sample_pose(std::span<const PoseObservation> observations, const CameraModel& camera,
                                 double share_to_beat, Random random) {
-  FixedVector<std::uint16_t, Keyframe::kMaxFeatures> usable;
+  FixedVector<std::uint16_t, kMaxFeatures> usable;
   for (std::size_t i = 0; i < observations.size(); ++i) {
     if (observations[i].weight > 0 && observations[i].depth_m > 0)
       static_cast<void>(usable.try_push_back(static_cast<std::uint16_t>(i)));

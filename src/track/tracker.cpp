@@ -13,7 +13,6 @@ namespace stillmap {
 
 namespace {
 
-constexpr std::size_t kFeatureCapacity = Keyframe::kMaxFeatures;
 constexpr double kSteady_s = 0.15;   // between two frames, for the turn to be as fast in the later one
 constexpr double kLong_s = 0.1;      // between two frames, for a motion model to say little of the later one
 constexpr int kFewestToStart = 100;  // points of the first keyframe
@@ -43,19 +42,19 @@ Tracker::Tracker(Arena& arena, const Config& config)
             config.camera.width, config.camera.height, config.camera.width},
       extractor_(arena, config.track, config.camera),
       alignment_(arena, config.camera),
-      frame_(arena, kFeatureCapacity),
-      grid_(arena, kFeatureCapacity, config.camera),
+      frame_(arena, kMaxFeatures),
+      grid_(arena, kMaxFeatures, config.camera),
       map_(arena, static_cast<std::size_t>(config.track.keyframes),
            static_cast<std::size_t>(config.track.points)),
       builder_(config.track, config.camera),
       places_(arena, static_cast<std::size_t>(config.track.keyframes), kPlaceFeatures),
       like_this_(arena, places_),
       localizer_(arena, config, map_, frame_, grid_, extractor_),
-      semi_static_(arena, config.track, config.camera, kFeatureCapacity),
-      motion_check_(arena, config.camera, kFeatureCapacity),
+      semi_static_(arena, config.track, config.camera, kMaxFeatures),
+      motion_check_(arena, config.camera, kMaxFeatures),
       adjustment_(arena, config.camera, static_cast<std::size_t>(config.track.points)),
       loops_(arena, config.track, config.camera, places_),
-      readout_(arena, config.camera, static_cast<std::size_t>(config.track.points), kFeatureCapacity),
+      readout_(arena, config.camera, static_cast<std::size_t>(config.track.points), kMaxFeatures),
       motion_(T_base_camera_) {
   result_.T_odom_camera = T_base_camera_;
 }

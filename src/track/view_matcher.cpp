@@ -49,12 +49,12 @@ bool ViewMatch::is_convincing() const {
 ViewMatcher::ViewMatcher(Arena& arena, const Config::Track& config, const CameraModel& camera)
     : camera_(camera),
       levels_(config.levels),
-      best_of_a_(arena.take<Best>("view_matcher.best_a", Keyframe::kMaxFeatures)),
-      best_of_b_(arena.take<Best>("view_matcher.best_b", Keyframe::kMaxFeatures)),
-      pairs_(arena.take<Pair>("view_matcher.pairs", Keyframe::kMaxFeatures)),
-      order_(arena.take<std::uint16_t>("view_matcher.order", Keyframe::kMaxFeatures)),
-      in_order_(arena.take<Descriptor>("view_matcher.descriptors", Keyframe::kMaxFeatures)),
-      observations_(arena.take<PoseObservation>("view_matcher.observations", Keyframe::kMaxFeatures)) {
+      best_of_a_(arena.take<Best>("view_matcher.best_a", kMaxFeatures)),
+      best_of_b_(arena.take<Best>("view_matcher.best_b", kMaxFeatures)),
+      pairs_(arena.take<Pair>("view_matcher.pairs", kMaxFeatures)),
+      order_(arena.take<std::uint16_t>("view_matcher.order", kMaxFeatures)),
+      in_order_(arena.take<Descriptor>("view_matcher.descriptors", kMaxFeatures)),
+      observations_(arena.take<PoseObservation>("view_matcher.observations", kMaxFeatures)) {
   double scale = 1;
   for (double& s : scales_) {
     s = scale;

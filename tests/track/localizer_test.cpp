@@ -45,7 +45,7 @@ class LocalizerTest : public testing::Test, protected test::PosedScene {
   Pose turned_by(double rad) const { return truth * Pose{exp_so3({0, rad, 0}), {}}; }
 
   Pose truth{exp_so3({0.1, 0.4, 0}), {1, 0.2, -0.3}};
-  FeatureGrid grid{arena, Keyframe::kMaxFeatures, camera};
+  FeatureGrid grid{arena, kMaxFeatures, camera};
   Localizer localizer{arena, config, map, frame, grid, extractor};
 };
 

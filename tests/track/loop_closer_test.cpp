@@ -78,7 +78,7 @@ class LoopCloserTest : public testing::Test {
   Config config = test::synthetic_config();
   Arena arena{test::kArenaBytes};
   LocalMap map{arena, kKeyframes, static_cast<std::size_t>(config.track.points)};
-  PlaceIndex places{arena, kKeyframes, Keyframe::kMaxFeatures};
+  PlaceIndex places{arena, kKeyframes, kMaxFeatures};
   LoopCloser closer{arena, config.track, config.camera, places};
   Random random{9};
   std::vector<SceneCorner> here = corners_before({}, 500, random);

@@ -16,7 +16,7 @@ struct PosedScene {
   CameraModel camera = config.camera;
   Arena arena{std::size_t{192} << 20};
   FeatureExtractor extractor{arena, config.track, camera};  // for its scales
-  FrameFeatures frame{arena, Keyframe::kMaxFeatures};
+  FrameFeatures frame{arena, kMaxFeatures};
   LocalMap map{arena, 16, static_cast<std::size_t>(config.track.points)};
   std::vector<FeatureMatch> matches;
   Random random{11};

@@ -26,7 +26,7 @@ class ProjectionMatcherTest : public testing::Test, protected test::PosedScene {
     return matcher.match(map, frame, grid, window, extractor, out);
   }
   ProjectionMatcher matcher{arena, config.track, camera};
-  FeatureGrid grid{arena, Keyframe::kMaxFeatures, camera};
+  FeatureGrid grid{arena, kMaxFeatures, camera};
   std::vector<FeatureMatch> out;
   Descriptor some = test::random_descriptor(random);
 };

@@ -66,7 +66,7 @@ class SemiStaticCheckTest : public testing::Test, protected test::PosedScene {
     return n;
   }
   std::size_t still_ = 0;
-  SemiStaticCheck check{arena, config.track, camera, Keyframe::kMaxFeatures};
+  SemiStaticCheck check{arena, config.track, camera, kMaxFeatures};
 };
 
 TEST_F(SemiStaticCheckTest, AStandingChairIsStatic) {

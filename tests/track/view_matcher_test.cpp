@@ -157,7 +157,7 @@ TEST_F(ViewMatcherTest, TheSameRandomGivesTheSameMatch) {
 
 TEST_F(ViewMatcherTest, RenderedViewsMatchAndOtherRoomsDoNot) {
   FeatureExtractor extractor(arena, config.track, config.camera);
-  FrameFeatures frame(arena, Keyframe::kMaxFeatures);
+  FrameFeatures frame(arena, kMaxFeatures);
   synthetic::SyntheticLog room({.seed = 3, .people = 0}), other_room({.seed = 8, .people = 0});
   const auto look = [&](synthetic::SyntheticLog& log, int index, Keyframe& out) {
     const test::Scene scene(log, index);
