@@ -48,11 +48,12 @@ class SpscRing {
     }
     return &items_[tail & (N - 1)];
   }
-  /// Consumer only. The oldest item, or nothing.
+  /// Consumer only. The oldest item, or nothing. What moving leaves behind stays in the ring until it is
+  /// overwritten: items are large, and are to let go of what they hold when they are moved from.
   [[nodiscard]] std::optional<T> try_pop() {
     if (front() == nullptr) return std::nullopt;
     const std::size_t tail = tail_.load(std::memory_order_relaxed);
-    std::optional<T> item(std::exchange(items_[tail & (N - 1)], T{}));
+    std::optional<T> item(std::move(items_[tail & (N - 1)]));
     tail_.store(tail + 1, std::memory_order_release);
     return item;
   }

@@ -18,17 +18,13 @@ namespace {
 std::string pool_lines(const RunContext& context) {
   const PoolUsage frames = context.stages.frames.usage();
   std::string high_water, capacity, refused;
-  const auto add = [&](const char* name, std::uint64_t high, std::uint64_t room, std::uint64_t refusals) {
-    high_water += fmt::format("stillmap_pool_high_water{{pool=\"{}\"}} {}\n", name, high);
-    capacity += fmt::format("stillmap_pool_capacity{{pool=\"{}\"}} {}\n", name, room);
-    refused += fmt::format("stillmap_pool_refused_total{{pool=\"{}\"}} {}\n", name, refusals);
+  const auto add = [&](const PoolUsage& u) {
+    high_water += fmt::format("stillmap_pool_high_water{{pool=\"{}\"}} {}\n", u.name, u.high_water);
+    capacity += fmt::format("stillmap_pool_capacity{{pool=\"{}\"}} {}\n", u.name, u.capacity);
+    refused += fmt::format("stillmap_pool_refused_total{{pool=\"{}\"}} {}\n", u.name, u.refused);
   };
-  add(frames.name, frames.high_water, frames.capacity, frames.refused);
-  const RunCounters& c = context.counters;
-  for (const PoolMark* mark : c.pools()) {
-    const char* name = mark->name.load(std::memory_order_acquire);
-    if (name != nullptr) add(name, mark->high_water.load(), mark->capacity.load(), mark->refused.load());
-  }
+  add(frames);
+  context.counters.for_each_pool(add);
   return "# TYPE stillmap_pool_high_water gauge\n" + high_water + "# TYPE stillmap_pool_capacity gauge\n" +
          capacity + "# TYPE stillmap_pool_refused_total counter\n" + refused;
 }

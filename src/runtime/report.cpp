@@ -62,10 +62,7 @@ Json memory_part(const RunContext& context, const ReportFacts& facts) {
     pools[u.name] = {{"capacity", u.capacity}, {"high_water", u.high_water}, {"refused", u.refused}};
   };
   add(context.stages.frames.usage());
-  for (const PoolMark* mark : context.counters.pools()) {
-    const char* name = mark->name.load();
-    if (name != nullptr) add({name, mark->capacity.load(), mark->high_water.load(), mark->refused.load()});
-  }
+  context.counters.for_each_pool(add);
   add(context.track_log.causal.usage("trajectory"));
   return {{"planned_bytes", facts.planned_bytes},
           {"rss_start_kb", facts.rss_start_kb},

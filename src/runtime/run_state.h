@@ -11,6 +11,7 @@
 #include "core/tracking_result.h"
 #include "eval/trajectory.h"
 #include "runtime/latency.h"
+#include "runtime/threads.h"
 
 namespace stillmap {
 
@@ -45,8 +46,20 @@ struct RunCounters {
   PoolMark points, keyframe_pool, blocks;
   PoolMark read_ahead, track_ring, map_ring, detected_ring;  ///< where there are threads
 
-  std::array<const PoolMark*, 7> pools() const {
-    return {&points, &keyframe_pool, &blocks, &read_ahead, &track_ring, &map_ring, &detected_ring};
+  std::array<PoolMark, kThreadRoles> stacks;  ///< in bytes, of threads that have ended
+
+  /// Calls fn(usage) for each that has been noted.
+  template <class F>
+  void for_each_pool(F&& fn) const {
+    const auto tell = [&](const PoolMark& mark) {
+      const char* name = mark.name.load(std::memory_order_acquire);
+      if (name != nullptr)
+        fn(PoolUsage{name, mark.capacity.load(), mark.high_water.load(), mark.refused.load()});
+    };
+    for (const PoolMark* mark :
+         {&points, &keyframe_pool, &blocks, &read_ahead, &track_ring, &map_ring, &detected_ring})
+      tell(*mark);
+    for (const PoolMark& mark : stacks) tell(mark);
   }
 
   /// Frames with a pose.

@@ -188,19 +188,23 @@ void run_threads(RunContext& context) {
       lanes.main_waker.wait(ticket, 100 * kMillisecond);
   }
   health.stopping();
-  decode.join();
-  capture.join();
-  track.join();
-  adjust.join();
-  detect.join();
-  map.join();
+  auto join = [&, stack = context.counters.stacks.begin()](StageThread& thread) mutable {
+    thread.join();
+    if (const PoolUsage usage = thread.stack_usage(); usage.high_water > 0) stack++->note(usage);
+  };
+  join(decode);
+  join(capture);
+  join(track);
+  join(adjust);
+  join(detect);
+  join(map);
   while (auto item = lanes.decoded.try_pop()) lanes.never_due += item->frame ? 1 : 0;
   context.counters.offered -= lanes.never_due;
   context.counters.detector_skipped = lanes.to_detect.displaced();
   note_rings(context, lanes);
   // What the detector finished after the map had ended is let go of here, with the lanes.
   lanes.stream_end.store(true, std::memory_order_release);
-  stream.join();
+  join(stream);
   health.finish();
 }
 

@@ -6,7 +6,9 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
+#include <cstring>
 #include <new>
 #include <utility>
 
@@ -26,6 +28,13 @@ constexpr std::size_t kStackBytes = 256 << 10;
 constexpr int kCapturePriority = 20, kTrackPriority = 10;
 constexpr int kDetectorNiceness = 10;  // the last to get a core that is short
 constexpr rlim_t kRealtimeBound_us = 500'000;
+
+constexpr const char* kOfStacks = "stack.";
+/// In the order of ThreadRole.
+constexpr std::array<const char*, kThreadRoles> kStackNames{"stack.decode", "stack.capture", "stack.track",
+                                                            "stack.adjust", "stack.map",     "stack.stream",
+                                                            "stack.detect"};
+static_assert(static_cast<std::size_t>(ThreadRole::Detect) + 1 == kThreadRoles);
 
 bool on_a_frames_way(ThreadRole role) {
   return role == ThreadRole::Capture || role == ThreadRole::Track;
@@ -63,9 +72,7 @@ bool go_before_all(int priority) {
 }  // namespace
 
 const char* name_of(ThreadRole role) {
-  constexpr std::array kNames{"decode", "capture", "track", "adjust", "map", "stream", "detect"};
-  static_assert(kNames.size() == static_cast<std::size_t>(ThreadRole::Detect) + 1);
-  return kNames[static_cast<std::size_t>(role)];  // in its order
+  return kStackNames[static_cast<std::size_t>(role)] + std::strlen(kOfStacks);
 }
 
 Config::Threads usable_threads(const Config::Threads& asked, std::vector<std::string>& warnings) {
@@ -122,7 +129,7 @@ StageThread::StageThread() {
 StageThread::~StageThread() {
   join();
   const auto guard_bytes = static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
-  munmap(static_cast<std::byte*>(stack_) - guard_bytes, guard_bytes + kStackBytes);
+  munmap(stack_ - guard_bytes, guard_bytes + kStackBytes);
 }
 
 void StageThread::start(ThreadRole role, const Config::Threads& config, bool prefault,
@@ -142,6 +149,17 @@ void StageThread::start(ThreadRole role, const Config::Threads& config, bool pre
 
 void StageThread::join() {
   if (std::exchange(started_, false)) pthread_join(thread_, nullptr);
+}
+
+PoolUsage StageThread::stack_usage() const {
+  STILLMAP_CHECK(!started_);
+  // The kernel gave zeros, and stacks grow downwards: what lies below the last byte that is none was not
+  // needed.
+  const std::byte* end = stack_ + kStackBytes;
+  const std::byte* deepest =
+      std::find_if(static_cast<const std::byte*>(stack_), end, [](std::byte b) { return b != std::byte{}; });
+  return {kStackNames[static_cast<std::size_t>(role_)], kStackBytes,
+          static_cast<std::uint64_t>(end - deepest), 0};
 }
 
 }  // namespace stillmap

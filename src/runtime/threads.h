@@ -3,16 +3,19 @@
 
 #include <pthread.h>
 
+#include <cstddef>
 #include <functional>
 #include <string>
 #include <vector>
 
 #include "core/config.h"
+#include "core/fixed_vector.h"
 
 namespace stillmap {
 
 /// What a thread does decides its name, its core and its priority.
 enum class ThreadRole { Decode, Capture, Track, Adjust, Map, Stream, Detect };
+inline constexpr std::size_t kThreadRoles = 7;
 /// As `top -H` shows it.
 const char* name_of(ThreadRole role);
 
@@ -35,10 +38,12 @@ class StageThread {
   void start(ThreadRole role, const Config::Threads& config, bool prefault, std::function<void()> body);
   /// Waits for the end; nothing where it never started.
   void join();
+  /// Once joined: of the stack's bytes, how many were ever written. ("stack.track", and so on.)
+  PoolUsage stack_usage() const;
 
  private:
   static void* enter(void* self);
-  void* stack_;  // above a page that nobody may touch
+  std::byte* stack_;  // above a page that nobody may touch
   ThreadRole role_ = ThreadRole::Capture;
   Config::Threads config_;
   bool prefault_ = false, started_ = false;

@@ -100,6 +100,11 @@ struct Pipeline {
       EXPECT_LT(context->track_log.causal[i - 1].stamp_ns, context->track_log.causal[i].stamp_ns);
     }
     for (const StampedPose& pose : context->track_log.causal) EXPECT_TRUE(is_finite(pose.T_world_camera));
+    // An eighth is left for what no test has met.
+    for (const PoolMark& stack : c.stacks) {
+      EXPECT_LE(stack.high_water.load(), stack.capacity.load() - stack.capacity.load() / 8)
+          << stack.name.load();
+    }
   }
 
   Config config;

@@ -62,6 +62,27 @@ TEST(StageThread, HasNameCoreNicenessAndStack) {
   }
 }
 
+TEST(StageThread, TellsHowMuchOfItsStackWasNeeded) {
+  constexpr std::size_t kNeeded = 100'000;
+  const auto after = [](bool prefault, std::size_t bytes) {
+    StageThread thread;
+    thread.start(ThreadRole::Map, {}, prefault, [=] {
+      const auto memory = static_cast<volatile char*>(__builtin_alloca(bytes));
+      memory[0] = 1;
+    });
+    thread.join();
+    return thread.stack_usage();
+  };
+  for (const bool prefault : {false, true}) {
+    const PoolUsage little = after(prefault, 16), much = after(prefault, kNeeded);
+    EXPECT_STREQ(much.name, "stack.map");
+    EXPECT_GE(much.high_water, kNeeded);
+    EXPECT_LT(much.high_water, much.capacity);
+    EXPECT_LT(little.high_water + kNeeded / 2, much.high_water);
+  }
+  EXPECT_EQ(StageThread().stack_usage().high_water, 0U) << "that never ran";
+}
+
 TEST(StageThread, CoresAreCountedAmongThoseThatTheProcessMayUse) {
   cpu_set_t before, last;
   sched_getaffinity(0, sizeof(before), &before);
