@@ -41,7 +41,8 @@ class Localizer {
   /// people.
   void begin(std::uint64_t sequence, Nanoseconds stamp_ns, const std::optional<PosePrior>& prior,
              bool movers_known);
-  /// From the frame before: around the guess, and where that finds little, around what else may be.
+  /// From the frame before: around the guess, and where that finds little, around the aligned one and, after
+  /// a long step, where the newest keyframe puts the camera. The best of them counts.
   bool follow(const PoseGuess& guess);
   /// Where one keyframe says that the camera is: to be confirmed by `around`.
   std::optional<FoundPose> find_by(const Keyframe& keyframe);

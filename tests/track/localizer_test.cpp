@@ -105,6 +105,16 @@ TEST_F(LocalizerTest, KeepsTheBestOfItsSearches) {
   EXPECT_EQ(localizer.estimate().inliers, 40);
 }
 
+TEST_F(LocalizerTest, ALaterSearchThatFindsFewerIsNotTheBest) {
+  see_points_moved(25, turned_by(0.3));
+  see_points(40);
+  begin();
+  ASSERT_TRUE(localizer.around(turned_by(0.3))) << "those that moved agree with one another";
+  ASSERT_TRUE(localizer.follow({turned_by(0.01), turned_by(0.3), false, 300}));
+  EXPECT_TRUE(found_truth());
+  EXPECT_EQ(localizer.estimate().inliers, 40);
+}
+
 TEST_F(LocalizerTest, FewFeaturesCorrectThePriorInsteadOfReplacingIt) {
   const int few = config.track.min_inliers / 2 + 2;
   see_points(few);
